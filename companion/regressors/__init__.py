@@ -1,0 +1,1 @@
+"""Regressors behind one estimator contract, from a feature vector to λ."""

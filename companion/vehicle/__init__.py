@@ -1,0 +1,1 @@
+"""Vehicles: adapters from an autopilot to `Vehicle`."""

@@ -1,0 +1,1 @@
+"""Rooms, textures, the raycast stereo camera, contact and motion capture."""

@@ -1,0 +1,120 @@
+"""What the autopilot takes from a link and tells it; no MAVLink in here."""
+
+from enum import IntEnum
+from typing import NamedTuple, Protocol
+
+from companion.kernel.frames import Vector3
+from companion.kernel.messages import NAN, FlightMode, LandedState
+
+NAN3: Vector3 = (NAN, NAN, NAN)
+
+
+class Ack(IntEnum):
+    """Verdict on a command, with MAVLink's numbers (MAV_RESULT)."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY."""
+
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    INFO = 6
+
+
+class StatusText(NamedTuple):
+    time_s: float
+    severity: Severity
+    text: str
+
+
+class OffboardSetpoint(NamedTuple):
+    """One SET_POSITION_TARGET_LOCAL_NED in NED, body frames already turned to NED by the link.
+
+    NaN means "not controlled"; a yaw of NaN with a yaw rate of NaN holds the heading.
+    """
+
+    position_ned_m: Vector3 = NAN3
+    velocity_ned_m_s: Vector3 = NAN3
+    yaw_rad: float = NAN
+    yaw_rate_rad_s: float = NAN
+
+
+class Estimate(NamedTuple):
+    """The state estimate: truth plus modelled drift and noise."""
+
+    time_s: float
+    position_ned_m: Vector3
+    velocity_ned_m_s: Vector3
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+    rates_frd_rad_s: Vector3
+    acceleration_frd_m_s2: Vector3
+    """Specific force: what an accelerometer reads (0, 0, -9.8 at rest)."""
+
+
+class VehicleStatus(NamedTuple):
+    """What the link reports beside the estimate."""
+
+    armed: bool
+    mode: FlightMode
+    landed_state: LandedState
+    ready_to_arm: bool
+    failsafe: bool
+    battery_voltage_v: float
+    battery_current_a: float
+    battery_norm: float
+    motors_norm: tuple[float, float, float, float]
+    position_setpoint_ned_m: Vector3
+    velocity_setpoint_ned_m_s: Vector3
+    yaw_setpoint_rad: float
+    thrust_norm: float
+    roll_setpoint_rad: float
+    pitch_setpoint_rad: float
+    yaw_rate_setpoint_rad_s: float
+
+
+class AutopilotPort(Protocol):
+    """The autopilot as its links see it. All calls happen between two steps of the world."""
+
+    @property
+    def estimate(self) -> Estimate: ...
+
+    @property
+    def status(self) -> VehicleStatus: ...
+
+    @property
+    def parameters(self) -> dict[str, float | int]:
+        """PX4 names; int stays INT32 and float REAL32 on the wire."""
+        ...
+
+    def set_parameter(self, name: str, value: float) -> bool:
+        """False for an unknown name or a value out of range."""
+        ...
+
+    def arm(self, force: bool = False) -> Ack: ...
+
+    def disarm(self, force: bool = False) -> Ack: ...
+
+    def take_off(self, height_m: float = NAN) -> Ack:
+        """NaN climbs to MIS_TAKEOFF_ALT above home."""
+        ...
+
+    def land(self) -> Ack: ...
+
+    def set_mode(self, mode: FlightMode) -> Ack: ...
+
+    def set_offboard_setpoint(self, setpoint: OffboardSetpoint) -> None:
+        """Stamped with the world's time; feeds the offboard-loss timer."""
+        ...
+
+    def drain_status_texts(self) -> list[StatusText]:
+        """The texts since the last call, oldest first."""
+        ...

@@ -1,0 +1,1 @@
+"""The MAVLink side of the vehicle: links, streams, commands, conversion of units."""
