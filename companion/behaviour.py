@@ -51,12 +51,11 @@ class Behaviour:
         """One frame on. ``blocked`` is None while λ is unknown."""
         if math.isnan(self._heading_rad) and self.state is BehaviourState.STRAIGHT:
             self._heading_rad = yaw_rad
-        if self.state is BehaviourState.ROTATE and self._aligned(yaw_rad):
-            self._end_turn(blocked, yaw_rad)
-        elif self.state is BehaviourState.SEARCH and blocked is False:
-            self._end_turn(blocked, yaw_rad)
-        elif self.state is BehaviourState.STRAIGHT and self._must_turn(stamp_ns, blocked):
-            self._begin_turn(yaw_rad)
+        if self.state is BehaviourState.STRAIGHT:
+            if self._must_turn(stamp_ns, blocked):
+                self._begin_turn(yaw_rad)
+        elif self.state is BehaviourState.SEARCH or self._aligned(yaw_rad):
+            self._go_on(blocked, yaw_rad)
         return self._goal(blocked)
 
     def _must_turn(self, stamp_ns: int, blocked: bool | None) -> bool:
@@ -78,7 +77,8 @@ class Behaviour:
         self._unknown_since_ns = None
         self.state = BehaviourState.ROTATE
 
-    def _end_turn(self, blocked: bool | None, yaw_rad: float) -> None:
+    def _go_on(self, blocked: bool | None, yaw_rad: float) -> None:
+        """Straight on where it is clear; else the turn goes on the same way."""
         if blocked is False:
             self.state = BehaviourState.STRAIGHT
             self._heading_rad = yaw_rad

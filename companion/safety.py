@@ -102,9 +102,7 @@ def _limit(setpoint: Setpoint, settings: SafetySettings) -> Setpoint:
 def _fence(setpoint: Setpoint, telemetry: Telemetry, settings: SafetySettings) -> Verdict:
     north_m, east_m, down_m = telemetry.position_ned_m
     distance_m, height_m = math.hypot(north_m, east_m), -down_m
-    outside_m = max(
-        distance_m - settings.geofence_radius_m, height_m - settings.geofence_height_m
-    )
+    outside_m = max(distance_m - settings.geofence_radius_m, height_m - settings.geofence_height_m)
     if outside_m <= 0.0:
         return Verdict(setpoint, Reaction.FLY, "")
     forward, right, down = setpoint.velocity_hfrd_m_s

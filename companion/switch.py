@@ -85,9 +85,7 @@ class Switch:
             return Cue.STEREO
         return Cue.STEREO if self._rng.random() < self.settings.dagger_beta else Cue.MONO
 
-    def _override_needed(
-        self, percept: Percept, thresholds: Thresholds, looks_ahead: bool
-    ) -> bool:
+    def _override_needed(self, percept: Percept, thresholds: Thresholds, looks_ahead: bool) -> bool:
         """Begins when stereo is alarmed and mono silent; ends when stereo sees it clear.
 
         An unknown λ of stereo neither begins nor ends one.

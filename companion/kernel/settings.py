@@ -9,7 +9,6 @@ import msgspec
 
 from companion.kernel.errors import PlanError
 
-
 T = TypeVar("T")
 
 
@@ -42,7 +41,7 @@ def convert_settings(table: dict[str, Any], kind: type[T], source: str) -> T:
 
 
 def _refuse_unknown(
-    table: dict[str, Any], kind: Any, source: str, prefix: tuple[str, ...]
+    table: dict[str, Any], kind: object, source: str, prefix: tuple[str, ...]
 ) -> None:
     """msgspec names the first unknown key but not the allowed ones; a user needs both."""
     if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct)):

@@ -1,0 +1,111 @@
+"""What a person sees while a flight runs, and its result; all of it on stderr but the table."""
+
+import math
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from companion.kernel.clock import wall_s
+from companion.kernel.messages import Cue
+from companion.pipeline import Pipeline, Step
+from companion.summary import Summary, table_rows
+
+REDRAW_PERIOD_S = 0.25
+PLAIN_PERIOD_SIM_S = 30.0
+
+
+class Progress:
+    """A live line on a terminal; elsewhere (CI, a file) a plain line every 30 s of the flight."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
+        self._began_ns: int | None = None
+        self._began_wall_s = 0.0
+        self._drawn_wall_s = -math.inf
+        self._drawn_sim_s = -math.inf
+
+    def __enter__(self) -> Self:
+        if self._live:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._live:
+            self._live.stop()
+
+    def show(self, step: Step, pipeline: Pipeline) -> None:
+        """Called for every frame; draws now and then."""
+        now_s = wall_s()
+        if self._began_ns is None:
+            self._began_ns, self._began_wall_s = step.percept.stamp_ns, now_s
+        sim_s = (step.percept.stamp_ns - self._began_ns) * 1e-9
+        elapsed_s = now_s - self._began_wall_s
+        factor = sim_s / elapsed_s if elapsed_s > 0 else math.nan
+        if self._live and now_s - self._drawn_wall_s >= REDRAW_PERIOD_S:
+            self._live.update(_status_table(step, pipeline, sim_s, factor), refresh=True)
+            self._drawn_wall_s = now_s
+        elif not self._live and sim_s - self._drawn_sim_s >= PLAIN_PERIOD_SIM_S:
+            self._console.print(_status_line(step, sim_s, factor), highlight=False)
+            self._drawn_sim_s = sim_s
+
+
+def print_result(console: Console, summary: Summary, log_dir: str) -> None:
+    """The paper's Table II column of this flight, and where the log lies."""
+    table = Table(title=f"{summary.plan}, seed {summary.seed}, {summary.scheme}")
+    table.add_column("")
+    table.add_column("this flight", justify="right")
+    for name, value in table_rows(summary):
+        table.add_row(name, value)
+    console.print(table)
+    console.print(
+        f"{summary.outcome} in {summary.sim_s:.0f} s of flight, {summary.wall_s:.0f} s of wall "
+        f"time ({summary.real_time_factor:.1f}x); log: {log_dir}",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+def _status_table(step: Step, pipeline: Pipeline, sim_s: float, factor: float) -> Table:
+    table = Table(expand=False)
+    decision, percept = step.decision, step.percept
+    experiment = pipeline.plan.experiment
+    total_s = experiment.initial_s + experiment.learning_s + experiment.test_s
+    cue = decision.cue.value + (" (override)" if decision.override else "")
+    columns = {
+        "phase": decision.phase.value,
+        "flight": f"{sim_s:.0f} of {total_s:.0f} s",
+        "λ stereo": _px(percept.stereo_px),
+        "λ mono": _px(percept.mono_px),
+        "flies on": cue,
+        "state": decision.state.value,
+        "turns": str(decision.turns),
+        "overrides": str(decision.overrides),
+        "speed": f"{factor:.1f}x",
+    }
+    for name in columns:
+        table.add_column(name, justify="right", no_wrap=True)
+    flying_mono = "bold green" if decision.cue is Cue.MONO else "bold cyan"
+    table.add_row(*columns.values(), style="bold red" if decision.override else flying_mono)
+    return table
+
+
+def _status_line(step: Step, sim_s: float, factor: float) -> str:
+    decision, percept = step.decision, step.percept
+    return (
+        f"{sim_s:5.0f} s  {decision.phase.value:<8}  λ stereo {_px(percept.stereo_px)}  "
+        f"mono {_px(percept.mono_px)}  {decision.cue.value:<6}  {decision.state.value:<8}  "
+        f"turns {decision.turns:2d}  overrides {decision.overrides:2d}  {factor:.1f}x"
+    )
+
+
+def _px(value: float) -> str:
+    return "   – px" if math.isnan(value) else f"{value:4.1f} px"

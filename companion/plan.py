@@ -1,0 +1,120 @@
+"""A flight plan: the TOML file that says everything about a flight."""
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta, field
+
+from companion.behaviour import BehaviourSettings
+from companion.kernel.errors import PlanError
+from companion.kernel.settings import Settings, convert_settings, read_toml
+from companion.learner import LearnerSettings
+from companion.pilot import PilotSettings
+from companion.safety import SafetySettings
+from companion.stereo import StereoSettings
+from companion.switch import ExperimentSettings
+
+
+class CameraSettings(Settings):
+    """``[camera]``: how often the stereo pair is exposed."""
+
+    rate_hz: Annotated[float, Meta(ge=1, le=120)] = 10.0
+
+
+class LogSettings(Settings):
+    """``[log]``: what goes into flight.mcap beside the decisions."""
+
+    images: Literal["off", "stereo"] = "off"
+    """``stereo`` logs both eyes, about 150 MB for ten minutes at 10 Hz."""
+
+
+class Plan(Settings):
+    """The whole plan; every table is optional but ``room`` is needed to fly in a simulator."""
+
+    room: str = ""
+    """Room file, relative to the plan; a bare name means ``rooms/NAME.toml``."""
+    seed: Annotated[int, Meta(ge=0)] = 1
+    camera: CameraSettings = CameraSettings()
+    experiment: ExperimentSettings = ExperimentSettings()
+    behaviour: BehaviourSettings = BehaviourSettings()
+    stereo: StereoSettings = StereoSettings()
+    learner: LearnerSettings = LearnerSettings()
+    pilot: PilotSettings = PilotSettings()
+    safety: SafetySettings = SafetySettings()
+    log: LogSettings = LogSettings()
+    sitl: dict[str, Any] = field(default_factory=dict)
+    """Handed to the simulator, which checks it (see flightplans/README.md)."""
+
+
+def load_plan(
+    path: Path | None, overrides: Sequence[str] = (), seed: int | None = None
+) -> Plan:
+    """The plan in ``path`` (None: all defaults) with ``KEY=VALUE`` overrides. Raises PlanError."""
+    table = read_toml(path) if path else {}
+    for override in overrides:
+        _apply_override(table, override)
+    if seed is not None:
+        table["seed"] = seed
+    source = str(path) if path else "plan"
+    plan = convert_settings(table, Plan, source)
+    _check_together(plan, source)
+    return plan
+
+
+def room_path(plan: Plan, plan_path: Path) -> Path:
+    """Where the plan's room lies. Raises PlanError when it is missing."""
+    if not plan.room:
+        raise PlanError(f"{plan_path}: room: missing; a simulated flight needs a room file")
+    name = plan.room if plan.room.endswith(".toml") else f"rooms/{plan.room}.toml"
+    path = plan_path.parent / name
+    if not path.is_file():
+        known = sorted(file.stem for file in (plan_path.parent / "rooms").glob("*.toml"))
+        raise PlanError(
+            f"{plan_path}: room: {path} does not exist; rooms here: {', '.join(known) or 'none'}"
+        )
+    return path
+
+
+def _apply_override(table: dict[str, Any], override: str) -> None:
+    key, equals, text = override.partition("=")
+    if not equals or not key.strip():
+        raise PlanError(f"--set {override}: must be KEY=VALUE, e.g. experiment.scheme=dagger")
+    *parents, last = key.strip().split(".")
+    for parent in parents:
+        table = table.setdefault(parent, {})
+        if not isinstance(table, dict):
+            raise PlanError(f"--set {override}: {parent} is a value, not a table")
+    table[last] = _toml_value(text.strip())
+
+
+def _toml_value(text: str) -> Any:  # noqa: ANN401 - whatever TOML can hold
+    """The text as a TOML value; a bare word is a string."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _check_together(plan: Plan, source: str) -> None:
+    """What no single key can show."""
+    behaviour = plan.behaviour
+    if behaviour.override_threshold_px < behaviour.turn_threshold_px:
+        raise PlanError(
+            f"{source}: behaviour.override_threshold_px: {behaviour.override_threshold_px} is "
+            f"below turn_threshold_px {behaviour.turn_threshold_px}; must not be"
+        )
+    if behaviour.forward_speed_m_s > plan.safety.max_speed_m_s:
+        raise PlanError(
+            f"{source}: behaviour.forward_speed_m_s: {behaviour.forward_speed_m_s} exceeds "
+            f"safety.max_speed_m_s {plan.safety.max_speed_m_s}"
+        )
+    if behaviour.height_m > plan.safety.geofence_height_m:
+        raise PlanError(
+            f"{source}: behaviour.height_m: {behaviour.height_m} exceeds "
+            f"safety.geofence_height_m {plan.safety.geofence_height_m}"
+        )
+    safety = plan.safety
+    if not safety.stop_after_s < safety.hold_after_s < safety.land_after_s:
+        raise PlanError(f"{source}: safety: needs stop_after_s < hold_after_s < land_after_s")

@@ -1,0 +1,54 @@
+"""The contract that every learner of λ keeps: scikit-learn's verbs, plus a snapshot and state."""
+
+from typing import Annotated, Literal, Protocol, Self, overload
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import ArrayLike, NDArray
+
+from companion.kernel.settings import Settings
+
+Floats = NDArray[np.float64]
+Arrays = dict[str, NDArray[np.generic]]
+
+
+class RegressorSettings(Settings):
+    """What regressors may be told; each reads the fields it knows."""
+
+    k: Annotated[int, Meta(ge=1, le=64)] = 5
+    capacity: Annotated[int, Meta(ge=1, le=10_000_000)] = 100_000
+    """Samples kept; beyond it the oldest is replaced."""
+
+
+class Predictor(Protocol):
+    """An immutable trained model."""
+
+    @overload
+    def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> Floats: ...
+    @overload
+    def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Floats, Floats]: ...
+    def predict(
+        self, X: ArrayLike, return_std: bool = False
+    ) -> Floats | tuple[Floats, Floats]:
+        """Estimates for ``X`` of shape (n, n_features): (n,), and their spread on demand."""
+        ...
+
+
+class Regressor(Predictor, Protocol):
+    """A model that goes on learning. Constructors only store parameters."""
+
+    def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Learns from samples of shape (n, n_features) and targets of shape (n,)."""
+        ...
+
+    def snapshot(self) -> Predictor:
+        """The model as it is now; later learning does not change it."""
+        ...
+
+    def state(self) -> Arrays:
+        """All that was learned, as plain arrays; empty before the first sample."""
+        ...
+
+    def restore(self, state: Arrays) -> Self:
+        """Takes up where ``state`` was taken."""
+        ...

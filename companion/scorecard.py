@@ -1,0 +1,110 @@
+"""What a flight is judged by: turns, approaches, overrides, and mono against stereo.
+
+One account per phase; the test phase is what the paper's tables report.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.kernel.messages import BehaviourState, Cue, Percept, Phase
+from companion.performance import OnlinePerformance, roc_curve
+from companion.switch import Choice
+
+
+class Score(NamedTuple):
+    """Mono's estimate against stereo's λ as the truth (paper section III-E); NaN undefined."""
+
+    mse: float
+    tpr: float
+    fpr: float
+    auc: float
+
+
+class Account:
+    """The running totals of one phase."""
+
+    def __init__(self, positive_threshold_px: float) -> None:
+        self.stereo_flight_s = 0.0
+        self.mono_flight_s = 0.0
+        self.turns = 0
+        self.stereo_approaches = 0
+        self.mono_approaches = 0
+        self.overrides = 0
+        self._performance = OnlinePerformance(positive_threshold_px)
+        self._stereo_px: list[float] = []
+        self._mono_px: list[float] = []
+
+    @property
+    def approaches(self) -> int:
+        return self.stereo_approaches + self.mono_approaches
+
+    def add_flight(self, cue: Cue, duration_s: float) -> None:
+        if cue is Cue.STEREO:
+            self.stereo_flight_s += duration_s
+        else:
+            self.mono_flight_s += duration_s
+
+    def add_approach(self, cue: Cue) -> None:
+        if cue is Cue.STEREO:
+            self.stereo_approaches += 1
+        else:
+            self.mono_approaches += 1
+
+    def add_estimate(self, percept: Percept, mono_threshold_px: float) -> None:
+        """Only frames on which both cues know λ count."""
+        if math.isnan(percept.stereo_px) or math.isnan(percept.mono_px):
+            return
+        self._performance.update(percept.mono_px, percept.stereo_px, mono_threshold_px)
+        self._stereo_px.append(percept.stereo_px)
+        self._mono_px.append(percept.mono_px)
+
+    def estimates(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(stereo_px, mono_px) of the frames counted."""
+        return np.array(self._stereo_px), np.array(self._mono_px)
+
+    def score(self) -> Score:
+        """Positives are frames with stereo λ above stereo's threshold."""
+        online = self._performance
+        curve = roc_curve(self._mono_px, self._stereo_px, online.positive_threshold_px)
+        return Score(online.mse_px2, online.tpr, online.fpr, curve.auc)
+
+
+class Scorecard:
+    """Counts events as frames go by. An override event counts once per approach."""
+
+    def __init__(self, positive_threshold_px: float) -> None:
+        self.accounts = {phase: Account(positive_threshold_px) for phase in Phase}
+        self._phase: Phase | None = None
+        self._state: BehaviourState | None = None
+        self._stamp_ns: int | None = None
+        self._overriding = False
+        self._override_counted = False
+
+    def record(
+        self,
+        percept: Percept,
+        phase: Phase,
+        choice: Choice,
+        state: BehaviourState,
+        mono_threshold_px: float,
+    ) -> Account:
+        """One frame on; returns the account of its phase."""
+        account = self.accounts[phase]
+        if self._stamp_ns is not None:
+            account.add_flight(choice.cue, (percept.stamp_ns - self._stamp_ns) * 1e-9)
+        account.add_estimate(percept, mono_threshold_px)
+        straight = state is BehaviourState.STRAIGHT
+        if straight and (self._state is not BehaviourState.STRAIGHT or phase is not self._phase):
+            account.add_approach(choice.cue)
+            self._override_counted = False
+        if self._state is BehaviourState.STRAIGHT and not straight:
+            account.turns += 1
+        if choice.override and not self._overriding and not self._override_counted:
+            account.overrides += 1
+            self._override_counted = True
+        self._overriding = choice.override
+        self._phase, self._state, self._stamp_ns = phase, state, percept.stamp_ns
+        return account

@@ -1,0 +1,239 @@
+"""g(x_g): a stereo pair to its average disparity λ (section III-C).
+
+Every pixel of the left image is matched, also those at its left border: the images are padded
+before matching, and a match counts where it lies inside the right image. Which pixels count
+therefore depends on the scene alone, not on how many disparities are searched.
+
+OpenCV's thread pool costs more than it brings at this image size: the app calls
+``cv2.setNumThreads(1)`` once.
+"""
+
+import math
+from typing import Annotated, Literal, NamedTuple
+
+import cv2
+import numpy as np
+from msgspec import Meta
+from numba import njit
+from numpy.typing import NDArray
+
+from companion.kernel.calibration import Intrinsics, StereoCalibration
+from companion.kernel.errors import CameraError, PlanError
+from companion.kernel.settings import Settings
+
+Grey = NDArray[np.uint8]
+Label = Literal["mean", "quantile"]
+
+SUBPIXELS = 16
+"""StereoBM counts disparity in sixteenths of a pixel."""
+
+ALIGNED_PX = 0.05
+"""Differences between the eyes below a sub-pixel step are not worth resampling for."""
+
+
+class StereoSettings(Settings):
+    """How the eyes are matched."""
+
+    disparities_px: Annotated[int, Meta(ge=16, le=256, multiple_of=16)] = 32
+    """Search range from infinity on; the nearest depth seen is focal x baseline / this."""
+    block_px: Annotated[int, Meta(ge=5, le=51)] = 11
+    """Side of the matched block, odd."""
+    uniqueness_percent: Annotated[int, Meta(ge=0, le=100)] = 10
+    """How much worse the second best match must be."""
+    texture_threshold: Annotated[int, Meta(ge=0, le=100_000)] = 100
+    """Least sum of horizontal gradients in a block; below it a match is a guess."""
+    min_valid_norm: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
+    """Below this share of matched pixels λ is unknown."""
+    quantile_norm: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.24
+    """The label "quantile" is the disparity that this share of the matched pixels exceeds."""
+
+    def __post_init__(self) -> None:
+        if self.block_px % 2 == 0:
+            raise ValueError(f"block_px must be odd, got {self.block_px}")
+
+
+class StereoResult(NamedTuple):
+    """λ and how far to trust it. Pixels of the rectified image; NaN where unknown."""
+
+    disparity_px: float
+    """The chosen label."""
+    valid_norm: float
+    """Matched pixels over all pixels."""
+    mean_px: float
+    quantile_px: float
+
+
+class StereoMatcher:
+    """Block matching for one calibrated camera; ``label`` chooses what λ is."""
+
+    def __init__(
+        self, settings: StereoSettings, calibration: StereoCalibration, label: Label = "mean"
+    ) -> None:
+        self.settings = settings
+        self.calibration = calibration
+        self.label = label
+        self._rectify = _Rectifier(calibration)
+        self._infinity_px = self._rectify.disparity_at_infinity_px
+        self._least_px = math.floor(self._infinity_px)
+        half_block_px = settings.block_px // 2
+        most_px = self._least_px + settings.disparities_px
+        self._pad_left_px = max(most_px, 0) + half_block_px
+        self._pad_right_px = max(-self._least_px, 0) + half_block_px
+        self._matcher = self._make_matcher()
+
+    @property
+    def disparity_metre_px(self) -> float:
+        """Disparity of a point at 1 m depth in the rectified image."""
+        return self._rectify.focal_px * self.calibration.baseline_m
+
+    def match(self, left: Grey, right: Grey) -> StereoResult:
+        """λ of a raw pair, both (height, width)."""
+        raw = self._match_raw(left, right)
+        exceeding_norm = self.settings.quantile_norm
+        n_valid, mean, quantile = _summarise(raw, self._least_px, exceeding_norm)
+        valid_norm = n_valid / raw.size
+        if n_valid == 0 or valid_norm < self.settings.min_valid_norm:
+            return StereoResult(math.nan, valid_norm, math.nan, math.nan)
+        mean_px = mean / SUBPIXELS - self._infinity_px
+        quantile_px = quantile / SUBPIXELS - self._infinity_px
+        chosen_px = mean_px if self.label == "mean" else quantile_px
+        return StereoResult(chosen_px, valid_norm, mean_px, quantile_px)
+
+    def disparity_map(self, left: Grey, right: Grey) -> NDArray[np.float32]:
+        """disparity_px: (height, width) of the rectified left image, NaN where unmatched."""
+        raw = self._match_raw(left, right)
+        column = np.arange(raw.shape[1]) * SUBPIXELS
+        least = np.maximum(self._least_px * SUBPIXELS, column - column[-1])
+        valid = (raw >= least) & (raw <= column)
+        disparity_px = raw.astype(np.float32) / SUBPIXELS - np.float32(self._infinity_px)
+        disparity_px[~valid] = np.nan
+        return disparity_px
+
+    def _match_raw(self, left: Grey, right: Grey) -> NDArray[np.int16]:
+        """Disparity in sixteenths, infinity not yet subtracted; (height, width)."""
+        self._check_geometry(left, right)
+        left, right = self._rectify(left, right)
+        matched: NDArray[np.int16] = self._matcher.compute(self._pad(left), self._pad(right))
+        return matched[:, self._pad_left_px : -self._pad_right_px]
+
+    def _pad(self, image: Grey) -> Grey:
+        return cv2.copyMakeBorder(
+            image, 0, 0, self._pad_left_px, self._pad_right_px, cv2.BORDER_REPLICATE
+        )
+
+    def _check_geometry(self, left: Grey, right: Grey) -> None:
+        declared = (self.calibration.height_px, self.calibration.width_px)
+        for eye, image in (("left", left), ("right", right)):
+            if image.shape != declared or image.dtype != np.uint8:
+                raise CameraError(
+                    f"{eye} image is {image.dtype} of shape {image.shape}; "
+                    f"the calibration declares uint8 of shape {declared}"
+                )
+
+    def _make_matcher(self) -> cv2.StereoBM:
+        settings = self.settings
+        smaller_px = min(self.calibration.height_px, self.calibration.width_px)
+        if settings.block_px >= smaller_px:
+            raise PlanError(
+                f"stereo.block_px: {settings.block_px} does not fit the camera's image; "
+                f"allowed: below {smaller_px}"
+            )
+        matcher = cv2.StereoBM.create(settings.disparities_px, settings.block_px)
+        matcher.setMinDisparity(self._least_px)
+        matcher.setUniquenessRatio(settings.uniqueness_percent)
+        matcher.setTextureThreshold(settings.texture_threshold)
+        return matcher
+
+
+class _Rectifier:
+    """Brings both eyes to one focal length and common rows; does nothing where they have them."""
+
+    def __init__(self, calibration: StereoCalibration) -> None:
+        self.focal_px = calibration.left.focal_x_px
+        self.disparity_at_infinity_px = calibration.disparity_at_infinity_px
+        self._maps: tuple[tuple[NDArray[np.int16], NDArray[np.uint16]], ...] = ()
+        if not _is_aligned(calibration):
+            self._plan_resampling(calibration)
+
+    def __call__(self, left: Grey, right: Grey) -> tuple[Grey, Grey]:
+        if not self._maps:
+            return left, right
+        left_map, right_map = self._maps
+        return (
+            cv2.remap(left, *left_map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE),
+            cv2.remap(right, *right_map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE),
+        )
+
+    def _plan_resampling(self, calibration: StereoCalibration) -> None:
+        size = (calibration.width_px, calibration.height_px)
+        eyes = [(_matrix(eye), np.array(eye.distortion)) for eye in _eyes(calibration)]
+        right_from_left = np.array(calibration.right_from_left).reshape(3, 3)
+        shift_m = np.array([-calibration.baseline_m, 0.0, 0.0])
+        turn_left, turn_right, left, right, *_ = cv2.stereoRectify(
+            *eyes[0], *eyes[1], size, right_from_left, shift_m, alpha=0.0
+        )
+        self.focal_px = float(left[0, 0])
+        self.disparity_at_infinity_px = float(left[0, 2] - right[0, 2])
+        self._maps = tuple(
+            cv2.initUndistortRectifyMap(*eye, turn, projection, size, cv2.CV_16SC2)
+            for eye, turn, projection in zip(
+                eyes, (turn_left, turn_right), (left, right), strict=True
+            )
+        )
+
+
+def _eyes(calibration: StereoCalibration) -> tuple[Intrinsics, Intrinsics]:
+    return calibration.left, calibration.right
+
+
+def _matrix(eye: Intrinsics) -> NDArray[np.float64]:
+    return np.array(
+        [
+            [eye.focal_x_px, 0.0, eye.centre_x_px],
+            [0.0, eye.focal_y_px, eye.centre_y_px],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def _is_aligned(calibration: StereoCalibration) -> bool:
+    """True where the eyes differ by a shift along the rows only, anywhere in the image."""
+    left, right = _eyes(calibration)
+    reach_norm = max(
+        calibration.width_px / left.focal_x_px, calibration.height_px / left.focal_y_px
+    )
+    turn = np.array(calibration.right_from_left).reshape(3, 3) - np.eye(3)
+    differences_px = (
+        (left.focal_x_px - right.focal_x_px) * reach_norm,
+        (left.focal_y_px - right.focal_y_px) * reach_norm,
+        left.centre_y_px - right.centre_y_px,
+        float(np.abs(turn).max()) * left.focal_x_px,
+    )
+    undistorted = not any(left.distortion) and not any(right.distortion)
+    return undistorted and max(map(abs, differences_px)) < ALIGNED_PX
+
+
+@njit(cache=True, nogil=True)
+def _summarise(raw, least_px, exceeding_norm):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """(matches inside the right image, their mean, the value exceeded by that share of them)."""
+    height, width = raw.shape
+    least = least_px * SUBPIXELS
+    counts = np.zeros(width * SUBPIXELS - least + 1, dtype=np.int64)
+    n_valid = 0
+    total = 0
+    for row in range(height):
+        for column in range(width):
+            value = raw[row, column]
+            beyond_right = (column - width + 1) * SUBPIXELS
+            if max(least, beyond_right) <= value <= column * SUBPIXELS:
+                counts[value - least] += 1
+                total += value
+                n_valid += 1
+    if n_valid == 0:
+        return 0, np.nan, np.nan
+    exceeding = 0
+    place = len(counts) - 1
+    while exceeding + counts[place] <= exceeding_norm * n_valid:
+        exceeding += counts[place]
+        place -= 1
+    return n_valid, total / n_valid, float(place + least)

@@ -1,0 +1,171 @@
+"""The result of a flight: summary.json and the flight's column of the paper's Table II."""
+
+import math
+from typing import Literal
+
+import msgspec
+
+from companion.kernel.messages import Phase
+from companion.pipeline import Pipeline
+from companion.plan import Plan
+from companion.scorecard import Account
+
+Outcome = Literal["flown", "failed", "aborted"]
+
+
+class PhaseSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """One phase. Undefined figures (no positives, mono not ready) are null in the JSON."""
+
+    stereo_flight_s: float
+    mono_flight_s: float
+    turns: int
+    stereo_approaches: int
+    mono_approaches: int
+    overrides: int
+    mse: float
+    tpr: float
+    fpr: float
+    auc: float
+
+
+class Summary(msgspec.Struct, frozen=True, kw_only=True):
+    """A flight in figures. Those without a phase are the test phase's, as in the paper."""
+
+    outcome: Outcome
+    reason: str
+    """Why it failed or was aborted, in one line; empty when flown."""
+    plan: str
+    room: str
+    seed: int
+    scheme: str
+    collisions: int | None
+    """Contacts seen by motion capture; null where no truth is known."""
+    minimum_clearance_m: float | None
+    overrides: int
+    overrides_per_min: float
+    """Per minute of the test phase."""
+    turns: int
+    approaches: int
+    stereo_approaches: int
+    """Over the whole flight, by the cue that flew when each began; mono_approaches likewise."""
+    mono_approaches: int
+    mse: float
+    tpr: float
+    fpr: float
+    auc: float
+    threshold_px: float
+    """λ above which mono reports an obstacle."""
+    stereo_flight_s: float
+    """Time with stereo in charge over the whole flight; mono_flight_s likewise."""
+    mono_flight_s: float
+    samples_learned: int
+    frames: int
+    frames_dropped: int
+    sim_s: float
+    """Take-off to landing, on the vehicle's clock."""
+    wall_s: float
+    real_time_factor: float
+    phases: dict[str, PhaseSummary]
+
+
+class FlightFacts(msgspec.Struct, kw_only=True):
+    """What only the outside of the pipeline knows; gathered while flying."""
+
+    outcome: Outcome = "failed"
+    reason: str = ""
+    frames: int = 0
+    frames_dropped: int = 0
+    sim_s: float = 0.0
+    wall_s: float = 0.0
+    collisions: int | None = None
+    minimum_clearance_m: float | None = None
+
+
+def summarise(plan: Plan, plan_name: str, pipeline: Pipeline, facts: FlightFacts) -> Summary:
+    """The summary of a flight, finished or not."""
+    accounts = pipeline.scorecard.accounts
+    flown = [accounts[phase] for phase in (Phase.INITIAL, Phase.LEARNING, Phase.TEST)]
+    phases = {
+        phase.value: _phase_summary(account)
+        for phase, account in accounts.items()
+        if phase is not Phase.DONE
+    }
+    test = phases[Phase.TEST.value]
+    test_min = (test.stereo_flight_s + test.mono_flight_s) / 60.0
+    return Summary(
+        outcome=facts.outcome,
+        reason=facts.reason,
+        plan=plan_name,
+        room=plan.room,
+        seed=plan.seed,
+        scheme=plan.experiment.scheme,
+        collisions=facts.collisions,
+        minimum_clearance_m=facts.minimum_clearance_m,
+        overrides=test.overrides,
+        overrides_per_min=test.overrides / test_min if test_min > 0 else math.nan,
+        turns=test.turns,
+        approaches=test.stereo_approaches + test.mono_approaches,
+        stereo_approaches=sum(account.stereo_approaches for account in flown),
+        mono_approaches=sum(account.mono_approaches for account in flown),
+        mse=test.mse,
+        tpr=test.tpr,
+        fpr=test.fpr,
+        auc=test.auc,
+        threshold_px=pipeline.thresholds.mono_px,
+        stereo_flight_s=sum(account.stereo_flight_s for account in flown),
+        mono_flight_s=sum(account.mono_flight_s for account in flown),
+        samples_learned=pipeline.learner.n_samples,
+        frames=facts.frames,
+        frames_dropped=facts.frames_dropped,
+        sim_s=facts.sim_s,
+        wall_s=facts.wall_s,
+        real_time_factor=facts.sim_s / facts.wall_s if facts.wall_s > 0 else math.nan,
+        phases=phases,
+    )
+
+
+def _phase_summary(account: Account) -> PhaseSummary:
+    score = account.score()
+    return PhaseSummary(
+        stereo_flight_s=account.stereo_flight_s,
+        mono_flight_s=account.mono_flight_s,
+        turns=account.turns,
+        stereo_approaches=account.stereo_approaches,
+        mono_approaches=account.mono_approaches,
+        overrides=account.overrides,
+        mse=score.mse,
+        tpr=score.tpr,
+        fpr=score.fpr,
+        auc=score.auc,
+    )
+
+
+def table_rows(summary: Summary) -> list[tuple[str, str]]:
+    """The flight's column of the paper's Table II, with what the paper's text adds to it."""
+    return [
+        ("Stereo flight time [m:ss]", _minutes(summary.stereo_flight_s)),
+        ("Mono flight time [m:ss]", _minutes(summary.mono_flight_s)),
+        ("Mean square error [px²]", _figure(summary.mse)),
+        ("False positive rate", _figure(summary.fpr)),
+        ("True positive rate", _figure(summary.tpr)),
+        ("Area under the ROC curve", _figure(summary.auc)),
+        ("Stereo approaches", str(summary.stereo_approaches)),
+        ("Mono approaches", str(summary.mono_approaches)),
+        ("Turns (test)", str(summary.turns)),
+        ("Auto-overrides (test)", str(summary.overrides)),
+        ("Overrides per minute (test)", _figure(summary.overrides_per_min)),
+        ("Mono threshold λ [px]", _figure(summary.threshold_px)),
+        (
+            "Collisions (truth)",
+            "unknown" if summary.collisions is None else str(summary.collisions),
+        ),
+    ]
+
+
+def _minutes(duration_s: float) -> str:
+    minutes, seconds = divmod(round(duration_s), 60)
+    return f"{minutes}:{seconds:02d}"
+
+
+def _figure(value: float) -> str:
+    return "–" if math.isnan(value) else f"{value:.2f}"
