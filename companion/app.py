@@ -10,7 +10,6 @@ from companion.kernel.messages import FlightMode, Setpoint
 from companion.kernel.protocols import Rig
 from companion.loops import Heartbeat, Observer, fly, watch
 from companion.pipeline import Pipeline
-from companion.plan import Plan
 from companion.truth import TruthRecorder
 
 logger = logging.getLogger(__name__)
@@ -23,13 +22,15 @@ PILOT_MODES = (FlightMode.MANUAL, FlightMode.POSITION)
 class Flight:
     """Flies a plan with a rig that is open; keeps the pipeline for the summary."""
 
-    def __init__(self, plan: Plan, rig: Rig, log: FlightLogWriter, observer: Observer) -> None:
+    def __init__(
+        self, rig: Rig, pipeline: Pipeline, log: FlightLogWriter, observer: Observer
+    ) -> None:
         self.rig = rig
-        self.pipeline = Pipeline(plan, rig.camera.calibration)
+        self.pipeline = pipeline
         self.truth = TruthRecorder(rig.mocap, log)
         self.flown_s = 0.0
         """Take-off to landing, on the vehicle's clock."""
-        self._plan = plan
+        self._plan = pipeline.plan
         self._log = log
         self._observer = observer
 

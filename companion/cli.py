@@ -12,12 +12,12 @@ import msgspec
 import typer
 from rich.console import Console
 
+from companion.camera.recording import open_recordings
 from companion.console import Progress, print_learning, print_result
 from companion.flight import FlightOrder, fly_plan, new_log_dir
 from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, CompanionError, PlanError
 from companion.learn import LearningReport, run_prequential, run_train_test
-from companion.plan import Plan, load_plan
-from companion.recordings import open_recordings
+from companion.plan import load_plan
 
 app = typer.Typer(
     help="Fly on two eyes, learn to fly on one: a companion for vision-based drones.",
@@ -27,7 +27,9 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-PlanArgument = Annotated[Path, typer.Argument(help="Flight plan (TOML); see flightplans/README.md.")]
+PlanArgument = Annotated[
+    Path, typer.Argument(help="Flight plan (TOML); see flightplans/README.md.")
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -99,7 +101,9 @@ def learn(
     positive_threshold: Annotated[
         float | None, typer.Option(help="λ of a positive [px]; default: the plan's threshold.")
     ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="Write the figures here.")
+    ] = None,
     settings: SetOption = None,
 ) -> None:
     """Learn from recorded stereo pairs, without a vehicle, and say how well it went.
@@ -111,9 +115,7 @@ def learn(
     if train or test:
         if recordings or not (train and test):
             raise PlanError("give recordings to learn from in order, or both --train and --test")
-        report = run_train_test(
-            open_recordings(train), open_recordings(test), loaded, positive_px
-        )
+        report = run_train_test(open_recordings(train), open_recordings(test), loaded, positive_px)
     elif recordings:
         report = run_prequential(open_recordings(recordings), loaded, positive_px)
     else:

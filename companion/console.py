@@ -10,8 +10,9 @@ from rich.table import Table
 
 from companion.kernel.clock import wall_s
 from companion.kernel.messages import Cue
+from companion.learn import LearningReport
 from companion.pipeline import Pipeline, Step
-from companion.summary import Summary, table_rows
+from companion.summary import Summary, format_figure, table_rows
 
 REDRAW_PERIOD_S = 0.25
 PLAIN_PERIOD_SIM_S = 30.0
@@ -72,6 +73,29 @@ def print_result(console: Console, summary: Summary, log_dir: str) -> None:
         highlight=False,
         soft_wrap=True,
     )
+
+
+def print_learning(console: Console, report: LearningReport) -> None:
+    """How well one eye learned from recordings."""
+    table = Table(
+        title=f"one eye against two, positives above λ = {report.positive_threshold_px} px"
+    )
+    table.add_column("")
+    table.add_column("", justify="right")
+    rows = {
+        "Frames read": str(report.n_frames),
+        "Frames learned from": str(report.n_train),
+        "Frames scored": str(report.n_test),
+        "Mean square error [px²]": format_figure(report.mse),
+        "MSE over variance": format_figure(report.mse_over_variance),
+        "Area under the ROC curve": format_figure(report.auc),
+        f"True positive rate above {report.threshold_px:.2f} px": format_figure(report.tpr),
+        f"False positive rate above {report.threshold_px:.2f} px": format_figure(report.fpr),
+        "False positive rate at TPR 0.96": format_figure(report.fpr_at_tpr_0_96),
+    }
+    for name, value in rows.items():
+        table.add_row(name, value)
+    console.print(table)
 
 
 def _status_table(step: Step, pipeline: Pipeline, sim_s: float, factor: float) -> Table:

@@ -16,11 +16,15 @@ from companion.kernel.errors import CompanionError
 from companion.kernel.messages import SimulationRequest
 from companion.kernel.protocols import Rig
 from companion.loops import Observer
-from companion.modelfile import save_model
+from companion.modelfile import load_dictionary, save_learner
 from companion.pipeline import Pipeline, Step
 from companion.plan import Plan, room_path
 from companion.rigs import needs_room, open_rig
 from companion.summary import FlightFacts, Summary, summarise
+
+LOG_NAME = "flight.mcap"
+MODEL_NAME = "model.npz"
+SUMMARY_NAME = "summary.json"
 
 logger = logging.getLogger(__name__)
 
@@ -52,31 +56,51 @@ def new_log_dir(parent: Path, plan: Plan, plan_path: Path) -> Path:
     raise CompanionError(f"{parent / stem}: too many flights within one second")
 
 
+class _Record:
+    """What is known of a flight once its devices are gone."""
+
+    def __init__(self) -> None:
+        self.facts = FlightFacts()
+        self.pipeline: Pipeline | None = None
+
+
 async def fly_plan(order: FlightOrder, observer: Observer) -> Summary:
     """Flies; always leaves the log, the model and summary.json, also when the flight fails.
 
-    Raises PlanError before anything moves; a failed or aborted flight is in the summary.
+    Raises CompanionError when nothing could fly; a failed or aborted flight is in the summary.
     """
-    request = _request(order)
-    async with open_rig(order.vehicle, order.camera, request) as rig:
-        return await _fly_with(rig, order, observer)
-
-
-async def _fly_with(rig: Rig, order: FlightOrder, observer: Observer) -> Summary:
-    facts = FlightFacts()
-    async with rig.camera, rig.vehicle:
-        began_wall_s = wall_s()
-        with _open_log(order, rig) as log:
-            flight = Flight(order.plan, rig, log, _counting(observer, facts))
-            await _run(flight, facts)
-        facts.wall_s = wall_s() - began_wall_s
-        facts.sim_s = flight.flown_s
-        facts.frames_dropped = rig.camera.frames_dropped
-        facts.collisions = flight.truth.collisions
-        facts.minimum_clearance_m = flight.truth.minimum_clearance_m
-    summary = summarise(order.plan, order.plan_path.stem, flight.pipeline, facts)
-    _leave(order.log_dir, summary, flight.pipeline)
+    record = _Record()
+    try:
+        async with (
+            open_rig(order.vehicle, order.camera, _request(order)) as rig,
+            rig.camera,
+            rig.vehicle,
+        ):
+            await _fly_with(rig, order, observer, record)
+    except CompanionError as error:
+        if record.pipeline is None:
+            raise
+        record.facts.outcome, record.facts.reason = "failed", str(error)
+    assert record.pipeline is not None
+    summary = summarise(order.plan, order.plan_path.stem, record.pipeline, record.facts)
+    _leave(order.log_dir, summary, record.pipeline)
     return summary
+
+
+async def _fly_with(rig: Rig, order: FlightOrder, observer: Observer, record: _Record) -> None:
+    facts = record.facts
+    pipeline = record.pipeline = _pipeline(order, rig)
+    began_wall_s = wall_s()
+    with _open_log(order, rig) as log:
+        flight = Flight(rig, pipeline, log, _counting(observer, facts))
+        try:
+            await _run(flight, facts)
+        finally:
+            facts.wall_s = wall_s() - began_wall_s
+            facts.sim_s = flight.flown_s
+            facts.frames_dropped = rig.camera.frames_dropped
+            facts.collisions = flight.truth.collisions
+            facts.minimum_clearance_m = flight.truth.minimum_clearance_m
 
 
 async def _run(flight: Flight, facts: FlightFacts) -> None:
@@ -119,6 +143,12 @@ def _request(order: FlightOrder) -> SimulationRequest | None:
     )
 
 
+def _pipeline(order: FlightOrder, rig: Rig) -> Pipeline:
+    path = order.plan.learner.dictionary
+    dictionary = load_dictionary(order.plan_path.parent / path) if path else None
+    return Pipeline(order.plan, rig.camera.calibration, dictionary)
+
+
 def _open_log(order: FlightOrder, rig: Rig) -> FlightLogWriter:
     metadata = FlightMetadata(
         plan=msgspec.to_builtins(order.plan),
@@ -126,7 +156,7 @@ def _open_log(order: FlightOrder, rig: Rig) -> FlightLogWriter:
         version=__version__,
         calibration=rig.camera.calibration,
     )
-    return FlightLogWriter(order.log_dir / "flight.mcap", metadata, order.plan.log.images)
+    return FlightLogWriter(order.log_dir / LOG_NAME, metadata, order.plan.log.images)
 
 
 def _counting(observer: Observer, facts: FlightFacts) -> Observer:
@@ -141,7 +171,7 @@ def _leave(log_dir: Path, summary: Summary, pipeline: Pipeline) -> None:
     """The summary and the learned model, beside the log."""
     try:
         text = msgspec.json.format(msgspec.json.encode(summary), indent=2)
-        (log_dir / "summary.json").write_bytes(text + b"\n")
+        (log_dir / SUMMARY_NAME).write_bytes(text + b"\n")
     except OSError as error:
         raise CompanionError(f"{log_dir}: cannot be written: {error.strerror}") from error
-    save_model(log_dir / "model.npz", pipeline.learner.state(), pipeline.matcher.calibration)
+    save_learner(log_dir / MODEL_NAME, pipeline.learner, pipeline.matcher.calibration)

@@ -124,4 +124,3 @@ def _write(log: FlightLogWriter, frame: StereoFrame, telemetry: Telemetry, step:
     log.write(Topic.DECISION, step.decision)
     log.write(Topic.SETPOINT, step.verdict.setpoint)
     log.write(Topic.TELEMETRY, telemetry, log_time_ns=frame.stamp_ns)
-

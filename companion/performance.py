@@ -58,7 +58,7 @@ def roc_curve(scores_px: ArrayLike, labels_px: ArrayLike, positive_threshold_px:
     scores, positive = scores[order], positive[order]
     last_of_tie = np.flatnonzero(np.diff(scores, append=-np.inf))
     detected = last_of_tie + 1
-    true_positives = np.cumsum(positive)[last_of_tie]
+    true_positives = np.cumsum(positive, dtype=np.int64)[last_of_tie]
     return RocCurve(
         fpr=_rates(detected - true_positives, int(np.count_nonzero(~positive))),
         tpr=_rates(true_positives, int(np.count_nonzero(positive))),

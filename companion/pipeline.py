@@ -16,6 +16,7 @@ from companion.safety import Verdict, check
 from companion.scorecard import Account, Scorecard
 from companion.stereo import StereoMatcher
 from companion.switch import Choice, Switch, Thresholds
+from companion.textons import TextonDictionary
 
 
 class Step(NamedTuple):
@@ -29,16 +30,21 @@ class Step(NamedTuple):
 class Pipeline:
     """The flight's whole state between two frames; the same for all vehicles and clocks."""
 
-    def __init__(self, plan: Plan, calibration: StereoCalibration) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        calibration: StereoCalibration,
+        dictionary: TextonDictionary | None = None,
+    ) -> None:
         switch_rng, behaviour_rng, learner_rng = np.random.default_rng(plan.seed).spawn(3)
         self.plan = plan
         self.matcher = StereoMatcher(plan.stereo, calibration, label=plan.learner.label)
-        self.learner = Learner(plan.learner, learner_rng)
+        self.learner = Learner(plan.learner, learner_rng, dictionary)
         self.switch = Switch(plan.experiment, switch_rng)
         self.behaviour = Behaviour(plan.behaviour, behaviour_rng)
         self.scorecard = Scorecard(plan.behaviour.turn_threshold_px)
         self.phase = Phase.INITIAL
-        self.thresholds = self._initial_thresholds()
+        self.thresholds = self._choose_thresholds()
         self._began_ns: int | None = None
 
     def step(self, frame: StereoFrame, telemetry: Telemetry) -> Step:
@@ -69,18 +75,15 @@ class Pipeline:
     def _perceive_and_learn(self, frame: StereoFrame) -> Percept:
         """Predicts first, then learns from the frame: estimates stay prequential."""
         stereo = self.matcher.match(frame.left, frame.right)
-        eye = frame.left if self.plan.learner.eye == "left" else frame.right
-        features = self.learner.observe(eye)
-        mono_px, mono_std_px = math.nan, math.nan
-        if features is not None:
-            mono_px, mono_std_px = self.learner.predict(features)
-            self.learner.learn(features, stereo.disparity_px)
+        features = self.learner.observe(self.learner.image_of(frame))
+        mono = self.learner.predict(features)
+        self.learner.learn(features, stereo.disparity_px)
         return Percept(
             stamp_ns=frame.stamp_ns,
             stereo_px=stereo.disparity_px,
             stereo_valid_norm=stereo.valid_norm,
-            mono_px=mono_px,
-            mono_std_px=mono_std_px,
+            mono_px=mono.mono_px,
+            mono_std_px=mono.std_px,
         )
 
     def _command(self, stamp_ns: int, goal: Goal, telemetry: Telemetry) -> Verdict:
@@ -109,22 +112,18 @@ class Pipeline:
             approaches=account.approaches,
         )
 
-    def _initial_thresholds(self) -> Thresholds:
-        behaviour, learner = self.plan.behaviour, self.plan.learner
-        mono_px = learner.threshold_px
-        if mono_px is None:
-            mono_px = learner.threshold_ratio * behaviour.turn_threshold_px
-        return Thresholds(behaviour.turn_threshold_px, mono_px, behaviour.override_threshold_px)
-
     def _choose_thresholds(self) -> Thresholds:
-        """From the ROC of all learning so far where the plan says so and positives exist."""
-        fixed = self._initial_thresholds()
-        if self.plan.learner.threshold != "roc":
-            return fixed
+        """Mono's comes from the ROC of all learning so far, where the plan says so."""
+        behaviour, learner = self.plan.behaviour, self.plan.learner
+        stereo_px = behaviour.turn_threshold_px
+        mono_px = learner.fixed_threshold_px(stereo_px)
+        if learner.threshold == "roc":
+            chosen_px = self._threshold_from_roc_px(stereo_px, learner.wanted_tpr)
+            mono_px = mono_px if math.isnan(chosen_px) else chosen_px
+        return Thresholds(stereo_px, mono_px, behaviour.override_threshold_px)
+
+    def _threshold_from_roc_px(self, positive_px: float, wanted_tpr: float) -> float:
+        """NaN while no positive was seen."""
         seen = [self.scorecard.accounts[p].estimates() for p in (Phase.INITIAL, Phase.LEARNING)]
-        stereo_px = np.concatenate([stereo for stereo, _ in seen])
-        mono_px = np.concatenate([mono for _, mono in seen])
-        chosen_px = threshold_for_tpr_px(
-            mono_px, stereo_px, fixed.stereo_px, self.plan.learner.wanted_tpr
-        )
-        return fixed if math.isnan(chosen_px) else fixed._replace(mono_px=chosen_px)
+        stereo_px, mono_px = (np.concatenate(values) for values in zip(*seen, strict=True))
+        return threshold_for_tpr_px(mono_px, stereo_px, positive_px, wanted_tpr)

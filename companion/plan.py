@@ -48,9 +48,7 @@ class Plan(Settings):
     """Handed to the simulator, which checks it (see flightplans/README.md)."""
 
 
-def load_plan(
-    path: Path | None, overrides: Sequence[str] = (), seed: int | None = None
-) -> Plan:
+def load_plan(path: Path | None, overrides: Sequence[str] = (), seed: int | None = None) -> Plan:
     """The plan in ``path`` (None: all defaults) with ``KEY=VALUE`` overrides. Raises PlanError."""
     table = read_toml(path) if path else {}
     for override in overrides:

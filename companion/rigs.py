@@ -54,5 +54,3 @@ def _rig(mavlink_url: str, camera: StereoCamera, clock: WallClock) -> Rig:
 def needs_room(vehicle: str) -> bool:
     """Whether this vehicle is a simulator, which flies in the plan's room."""
     return vehicle in {point.name for point in entry_points(group=SIMULATORS)}
-
-

@@ -9,7 +9,7 @@ OpenCV's thread pool costs more than it brings at this image size: the app calls
 """
 
 import math
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, cast
 
 import cv2
 import numpy as np
@@ -22,6 +22,9 @@ from companion.kernel.errors import CameraError, PlanError
 from companion.kernel.settings import Settings
 
 Grey = NDArray[np.uint8]
+Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
+"""Where rectified pixels lie in the raw image: whole pixels, and OpenCV's code for the rest."""
+
 Label = Literal["mean", "quantile"]
 
 SUBPIXELS = 16
@@ -31,16 +34,16 @@ ALIGNED_PX = 0.05
 """Differences between the eyes below a sub-pixel step are not worth resampling for."""
 
 
-class StereoSettings(Settings):
+class StereoSettings(Settings, frozen=True):
     """How the eyes are matched."""
 
     disparities_px: Annotated[int, Meta(ge=16, le=256, multiple_of=16)] = 32
     """Search range from infinity on; the nearest depth seen is focal x baseline / this."""
-    block_px: Annotated[int, Meta(ge=5, le=51)] = 11
+    block_px: Annotated[int, Meta(ge=5, le=51)] = 15
     """Side of the matched block, odd."""
-    uniqueness_percent: Annotated[int, Meta(ge=0, le=100)] = 10
+    uniqueness_percent: Annotated[int, Meta(ge=0, le=100)] = 20
     """How much worse the second best match must be."""
-    texture_threshold: Annotated[int, Meta(ge=0, le=100_000)] = 100
+    texture_threshold: Annotated[int, Meta(ge=0, le=100_000)] = 500
     """Least sum of horizontal gradients in a block; below it a match is a guess."""
     min_valid_norm: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
     """Below this share of matched pixels λ is unknown."""
@@ -105,7 +108,7 @@ class StereoMatcher:
         column = np.arange(raw.shape[1]) * SUBPIXELS
         least = np.maximum(self._least_px * SUBPIXELS, column - column[-1])
         valid = (raw >= least) & (raw <= column)
-        disparity_px = raw.astype(np.float32) / SUBPIXELS - np.float32(self._infinity_px)
+        disparity_px = (raw / SUBPIXELS - self._infinity_px).astype(np.float32)
         disparity_px[~valid] = np.nan
         return disparity_px
 
@@ -113,13 +116,12 @@ class StereoMatcher:
         """Disparity in sixteenths, infinity not yet subtracted; (height, width)."""
         self._check_geometry(left, right)
         left, right = self._rectify(left, right)
-        matched: NDArray[np.int16] = self._matcher.compute(self._pad(left), self._pad(right))
-        return matched[:, self._pad_left_px : -self._pad_right_px]
+        matched = self._matcher.compute(self._pad(left), self._pad(right))
+        return cast(NDArray[np.int16], matched[:, self._pad_left_px : -self._pad_right_px])
 
     def _pad(self, image: Grey) -> Grey:
-        return cv2.copyMakeBorder(
-            image, 0, 0, self._pad_left_px, self._pad_right_px, cv2.BORDER_REPLICATE
-        )
+        left_px, right_px = self._pad_left_px, self._pad_right_px
+        return cast(Grey, cv2.copyMakeBorder(image, 0, 0, left_px, right_px, cv2.BORDER_REPLICATE))
 
     def _check_geometry(self, left: Grey, right: Grey) -> None:
         declared = (self.calibration.height_px, self.calibration.width_px)
@@ -151,7 +153,7 @@ class _Rectifier:
     def __init__(self, calibration: StereoCalibration) -> None:
         self.focal_px = calibration.left.focal_x_px
         self.disparity_at_infinity_px = calibration.disparity_at_infinity_px
-        self._maps: tuple[tuple[NDArray[np.int16], NDArray[np.uint16]], ...] = ()
+        self._maps: tuple[Maps, ...] = ()
         if not _is_aligned(calibration):
             self._plan_resampling(calibration)
 
@@ -159,10 +161,7 @@ class _Rectifier:
         if not self._maps:
             return left, right
         left_map, right_map = self._maps
-        return (
-            cv2.remap(left, *left_map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE),
-            cv2.remap(right, *right_map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE),
-        )
+        return _resample(left, left_map), _resample(right, right_map)
 
     def _plan_resampling(self, calibration: StereoCalibration) -> None:
         size = (calibration.width_px, calibration.height_px)
@@ -175,11 +174,19 @@ class _Rectifier:
         self.focal_px = float(left[0, 0])
         self.disparity_at_infinity_px = float(left[0, 2] - right[0, 2])
         self._maps = tuple(
-            cv2.initUndistortRectifyMap(*eye, turn, projection, size, cv2.CV_16SC2)
+            cast(Maps, cv2.initUndistortRectifyMap(*eye, turn, projection, size, cv2.CV_16SC2))
             for eye, turn, projection in zip(
                 eyes, (turn_left, turn_right), (left, right), strict=True
             )
         )
+
+
+def _resample(image: Grey, maps: Maps) -> Grey:
+    steps, fractions = maps
+    return cast(
+        Grey,
+        cv2.remap(image, steps, fractions, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE),
+    )
 
 
 def _eyes(calibration: StereoCalibration) -> tuple[Intrinsics, Intrinsics]:
@@ -213,7 +220,8 @@ def _is_aligned(calibration: StereoCalibration) -> bool:
     return undistorted and max(map(abs, differences_px)) < ALIGNED_PX
 
 
-@njit(cache=True, nogil=True)
+# The signature is given so that it is compiled, or read from the cache, before take-off.
+@njit("Tuple((i8, f8, f8))(i2[:,:], i8, f8)", cache=True, nogil=True)
 def _summarise(raw, least_px, exceeding_norm):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """(matches inside the right image, their mean, the value exceeded by that share of them)."""
     height, width = raw.shape

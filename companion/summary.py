@@ -114,7 +114,7 @@ def summarise(plan: Plan, plan_name: str, pipeline: Pipeline, facts: FlightFacts
         threshold_px=pipeline.thresholds.mono_px,
         stereo_flight_s=sum(account.stereo_flight_s for account in flown),
         mono_flight_s=sum(account.mono_flight_s for account in flown),
-        samples_learned=pipeline.learner.n_samples,
+        samples_learned=pipeline.learner.n_samples_seen,
         frames=facts.frames,
         frames_dropped=facts.frames_dropped,
         sim_s=facts.sim_s,
@@ -145,16 +145,16 @@ def table_rows(summary: Summary) -> list[tuple[str, str]]:
     return [
         ("Stereo flight time [m:ss]", _minutes(summary.stereo_flight_s)),
         ("Mono flight time [m:ss]", _minutes(summary.mono_flight_s)),
-        ("Mean square error [px²]", _figure(summary.mse)),
-        ("False positive rate", _figure(summary.fpr)),
-        ("True positive rate", _figure(summary.tpr)),
-        ("Area under the ROC curve", _figure(summary.auc)),
+        ("Mean square error [px²]", format_figure(summary.mse)),
+        ("False positive rate", format_figure(summary.fpr)),
+        ("True positive rate", format_figure(summary.tpr)),
+        ("Area under the ROC curve", format_figure(summary.auc)),
         ("Stereo approaches", str(summary.stereo_approaches)),
         ("Mono approaches", str(summary.mono_approaches)),
         ("Turns (test)", str(summary.turns)),
         ("Auto-overrides (test)", str(summary.overrides)),
-        ("Overrides per minute (test)", _figure(summary.overrides_per_min)),
-        ("Mono threshold λ [px]", _figure(summary.threshold_px)),
+        ("Overrides per minute (test)", format_figure(summary.overrides_per_min)),
+        ("Mono threshold λ [px]", format_figure(summary.threshold_px)),
         (
             "Collisions (truth)",
             "unknown" if summary.collisions is None else str(summary.collisions),
@@ -167,5 +167,6 @@ def _minutes(duration_s: float) -> str:
     return f"{minutes}:{seconds:02d}"
 
 
-def _figure(value: float) -> str:
+def format_figure(value: float) -> str:
+    """Two decimals; a dash for what is undefined."""
     return "–" if math.isnan(value) else f"{value:.2f}"

@@ -60,7 +60,7 @@ class AirframeState(NamedTuple):
     """Thrust of each rotor over its greatest, in PX4's order."""
 
 
-class _Records(jsbsim.FGLogger):  # type: ignore[misc]  # the wheel's stub hides its base
+class _Records(jsbsim.FGLogger):
     """Hands JSBSim's messages to logging, warnings and worse only; the banner goes nowhere."""
 
     def __init__(self) -> None:
@@ -89,18 +89,19 @@ class Airframe:
         self._load(name)
         fdm.set_dt(1.0 / physics_hz)
         self.physics_hz = physics_hz
-        self._ticks = 0
+        self.ticks = 0
+        self.rest_height_m = float(fdm["ground/rest-height-m"])
+        """Height of the centre of mass above the floor while standing."""
         self._settle(yaw_rad)
-        node = fdm.get_property_manager().get_node
-        self._readers = tuple(node(path).get_double_value for path in _STATE_PROPERTIES)
-        self._set_roll = node("fcs/roll-setpoint-rad").set_double_value
-        self._set_pitch = node("fcs/pitch-setpoint-rad").set_double_value
-        self._set_yaw_rate = node("fcs/yaw-rate-setpoint-rad_sec").set_double_value
-        self._set_collective = node("fcs/collective-norm").set_double_value
-        self._set_spin = node("propulsion/spin").set_double_value
-        self._set_push_norm = node("external_reactions/push/magnitude").set_double_value
+        self._readers = tuple(self._node(path).get_double_value for path in _STATE_PROPERTIES)
+        self._set_roll = self._node("fcs/roll-setpoint-rad").set_double_value
+        self._set_pitch = self._node("fcs/pitch-setpoint-rad").set_double_value
+        self._set_yaw_rate = self._node("fcs/yaw-rate-setpoint-rad_sec").set_double_value
+        self._set_collective = self._node("fcs/collective-norm").set_double_value
+        self._set_spin = self._node("propulsion/spin").set_double_value
+        self._set_push_norm = self._node("external_reactions/push/magnitude").set_double_value
         self._set_push = tuple(
-            node(f"external_reactions/push/{axis}").set_double_value for axis in "xyz"
+            self._node(f"external_reactions/push/{axis}").set_double_value for axis in "xyz"
         )
         self._run = fdm.run
 
@@ -119,6 +120,13 @@ class Airframe:
         if not (self._fdm.load_planet(planet, False) and self._fdm.load_model(name)):
             raise SimulatorError(f"airframe {name!r}: JSBSim cannot load {folder}")
 
+    def _node(self, path: str) -> jsbsim.FGPropertyNode:
+        """A handle on one property: three times faster than looking it up by name."""
+        node = self._fdm.get_property_manager().get_node(path)
+        if node is None:
+            raise SimulatorError(f"airframe: the aircraft has no property {path}")
+        return node
+
     def _settle(self, yaw_rad: float) -> None:
         """Starts where the feet carry the weight, so that nothing moves until the rotors do."""
         fdm = self._fdm
@@ -128,11 +136,6 @@ class Airframe:
         fdm["ic/psi-true-rad"] = yaw_rad % (2.0 * math.pi)
         if not fdm.run_ic():
             raise SimulatorError("JSBSim refused the initial state")
-
-    @property
-    def rest_height_m(self) -> float:
-        """Height of the centre of mass above the floor while standing."""
-        return float(self._fdm["ground/rest-height-m"])
 
     @property
     def mass_kg(self) -> float:
@@ -178,11 +181,11 @@ class Airframe:
         """One step of the physics."""
         if not self._run():
             raise SimulatorError(f"JSBSim stopped at {self.time_s:.3f} s")
-        self._ticks += 1
+        self.ticks += 1
 
     @property
     def time_s(self) -> float:
-        return self._ticks / self.physics_hz
+        return self.ticks / self.physics_hz
 
     def read(self) -> AirframeState:
         """The state now. Raises SimulatorError when the integration has diverged."""
@@ -192,8 +195,8 @@ class Airframe:
             raise SimulatorError(f"the flight dynamics diverged at {self.time_s:.3f} s")
         ft = _M_PER_FT
         return AirframeState(
-            self._ticks / self.physics_hz,
-            (north * ft, east * ft, -up * ft),
+            self.ticks / self.physics_hz,
+            (north * ft, east * ft, self.rest_height_m - up * ft),
             (v_north * ft, v_east * ft, v_down * ft),
             (roll, pitch, yaw - _TURN_RAD if yaw >= math.pi else yaw),
             (p, q, r),

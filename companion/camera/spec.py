@@ -1,11 +1,17 @@
-"""What ``--camera`` may say."""
+"""What ``--camera`` may say, and the cameras that it opens."""
 
 from collections.abc import Collection
 from pathlib import Path
 from typing import NamedTuple
 
+from companion.camera.device import DeviceStereoCamera, VideoStereoCamera
+from companion.camera.recording import open_recording
+from companion.camera.remote import RemoteCamera
+from companion.camera.replay import ReplayCamera
 from companion.kernel.calibration import StereoCalibration
+from companion.kernel.clock import Clock
 from companion.kernel.errors import PlanError
+from companion.kernel.protocols import StereoCamera
 from companion.kernel.settings import convert_settings, read_toml
 
 VIDEO_SUFFIXES = frozenset({".avi", ".mkv", ".mov", ".mp4", ".webm"})
@@ -18,61 +24,74 @@ _FORMS = (
 )
 
 
-class SimulatedCamera(NamedTuple):
+class SimulatedSpec(NamedTuple):
     """The camera of a simulator, by the simulator's name."""
 
     simulator: str
 
 
-class RemoteCamera(NamedTuple):
+class RemoteSpec(NamedTuple):
     """Frames from another process."""
 
     url: str
 
 
-class DeviceCamera(NamedTuple):
+class DeviceSpec(NamedTuple):
     """A live side-by-side stream: an index, a device file or a GStreamer pipeline."""
 
     source: int | str
     calibration: StereoCalibration
 
 
-class VideoCamera(NamedTuple):
+class VideoSpec(NamedTuple):
     """A side-by-side video file."""
 
     path: Path
     calibration: StereoCalibration
 
 
-class RecordedCamera(NamedTuple):
+class RecordedSpec(NamedTuple):
     """A folder or file that holds its own calibration."""
 
     path: Path
 
 
-CameraSpec = SimulatedCamera | RemoteCamera | DeviceCamera | VideoCamera | RecordedCamera
+CameraSpec = SimulatedSpec | RemoteSpec | DeviceSpec | VideoSpec | RecordedSpec
 
 
 def parse_camera(spec: str, simulators: Collection[str] = ("sitl",)) -> CameraSpec:
     """The camera that ``spec`` names. Raises PlanError: what is wrong and what is allowed."""
     if spec in simulators:
-        return SimulatedCamera(spec)
+        return SimulatedSpec(spec)
     if spec.startswith(REMOTE_SCHEMES):
-        return RemoteCamera(spec)
+        return RemoteSpec(spec)
     source, _, calibration = spec.partition(_CALIBRATION)
     if source.startswith(_DEVICE):
         name = source.removeprefix(_DEVICE)
-        return DeviceCamera(
-            int(name) if name.isdecimal() else name, _calibration(spec, calibration)
-        )
+        return DeviceSpec(int(name) if name.isdecimal() else name, _calibration(spec, calibration))
     path = Path(source)
     if not path.exists():
         raise PlanError(
             f"--camera {spec}: no such file; allowed: {', '.join(simulators)}, {_FORMS}"
         )
     if path.suffix.lower() in VIDEO_SUFFIXES:
-        return VideoCamera(path, _calibration(spec, calibration))
-    return RecordedCamera(path)
+        return VideoSpec(path, _calibration(spec, calibration))
+    return RecordedSpec(path)
+
+
+def open_camera(spec: str, clock: Clock) -> StereoCamera:
+    """The camera that ``spec`` names, to be entered. Raises PlanError or RecordingError."""
+    match parse_camera(spec, simulators=()):
+        case RemoteSpec(url):
+            return RemoteCamera(url)
+        case DeviceSpec(source, calibration):
+            return DeviceStereoCamera(source, calibration, clock)
+        case VideoSpec(path, calibration):
+            return VideoStereoCamera(path, calibration, clock)
+        case RecordedSpec(path):
+            return ReplayCamera(open_recording(path))
+        case SimulatedSpec(simulator):
+            raise PlanError(f"--camera {simulator}: only together with --vehicle {simulator}")
 
 
 def load_calibration(path: Path) -> StereoCalibration:

@@ -36,7 +36,12 @@ class SimClock:
         return self.time_s
 
     async def sleep(self, duration_s: float) -> None:
-        await asyncio.sleep(0)
+        await let_others_run()
+
+
+async def let_others_run() -> None:
+    """Gives the event loop one turn; no time passes."""
+    await asyncio.sleep(0)
 
 
 def wall_s() -> float:

@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 Arrays = dict[str, NDArray[np.generic]]
 
 
-class RegressorSettings(Settings):
+class RegressorSettings(Settings, frozen=True):
     """What regressors may be told; each reads the fields it knows."""
 
     k: Annotated[int, Meta(ge=1, le=64)] = 5
@@ -27,9 +27,7 @@ class Predictor(Protocol):
     def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> Floats: ...
     @overload
     def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Floats, Floats]: ...
-    def predict(
-        self, X: ArrayLike, return_std: bool = False
-    ) -> Floats | tuple[Floats, Floats]:
+    def predict(self, X: ArrayLike, return_std: bool = False) -> Floats | tuple[Floats, Floats]:
         """Estimates for ``X`` of shape (n, n_features): (n,), and their spread on demand."""
         ...
 

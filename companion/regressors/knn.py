@@ -32,7 +32,7 @@ class KNNModel(NamedTuple):
     def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Floats, Floats]: ...
     def predict(self, X: ArrayLike, return_std: bool = False) -> Floats | tuple[Floats, Floats]:
         """Mean of the k nearest targets, and their standard deviation (NaN for one neighbour)."""
-        queries = np.ascontiguousarray(X, dtype=np.float32)
+        queries = np.require(X, np.float32, ("C", "W"))
         mean, std = _query(self.tiles, self.targets, self.n_samples, self.k, queries)
         return (mean, std) if return_std else mean
 
@@ -102,10 +102,10 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
     ) -> tuple[NDArray[np.float32], Floats]:
         if not reset and self._is_plain(X) and self._are_plain_targets(y):
             return X, y  # type: ignore[return-value]  # just checked
-        X, y = validate_data(
+        samples, targets = validate_data(
             self, X, y, dtype=np.float32, order="C", y_numeric=True, reset=reset
         )
-        return X, np.ascontiguousarray(y, dtype=np.float64)
+        return samples, np.ascontiguousarray(targets, dtype=np.float64)
 
     def _is_plain(self, X: ArrayLike) -> bool:
         """True for what flies: scikit-learn's own check would cost more than the search."""
@@ -161,26 +161,6 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         self.targets_ = np.concatenate([self.targets_, np.zeros(extra * TILE)])
 
 
-@njit(cache=True, nogil=True)
-def _query(tiles, targets, n_samples, k, queries):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Mean and sample standard deviation of the k nearest targets for each row of queries."""
-    n_queries = len(queries)
-    k = min(k, n_samples)
-    mean = np.empty(n_queries)
-    std = np.empty(n_queries)
-    distance = np.empty(TILE, dtype=np.float32)
-    nearest = np.empty(k, dtype=np.float32)
-    index = np.empty(k, dtype=np.int64)
-    for row in range(n_queries):
-        nearest[:] = np.inf
-        index[:] = 0
-        for tile in range((n_samples + TILE - 1) // TILE):
-            _distances(tiles[tile], queries[row], distance)
-            _keep_nearest(distance, min(TILE, n_samples - tile * TILE), tile, nearest, index)
-        mean[row], std[row] = _spread(targets, index)
-    return mean, std
-
-
 @njit(cache=True, nogil=True, fastmath=True)
 def _distances(tile, query, distance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Squared distance of every sample in the tile."""
@@ -218,4 +198,25 @@ def _spread(targets, index):  # type: ignore[no-untyped-def]  # noqa: ANN001, AN
     for neighbour in index:
         scatter += (targets[neighbour] - mean) ** 2
     std = np.sqrt(scatter / (len(index) - 1)) if len(index) > 1 else np.nan
+    return mean, std
+
+
+# Signatures are given so that kernels are compiled, or read from the cache, before take-off.
+@njit("Tuple((f8[::1], f8[::1]))(f4[:,:,::1], f8[::1], i8, i8, f4[:,::1])", cache=True, nogil=True)
+def _query(tiles, targets, n_samples, k, queries):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Mean and sample standard deviation of the k nearest targets for each row of queries."""
+    n_queries = len(queries)
+    k = min(k, n_samples)
+    mean = np.empty(n_queries)
+    std = np.empty(n_queries)
+    distance = np.empty(TILE, dtype=np.float32)
+    nearest = np.empty(k, dtype=np.float32)
+    index = np.empty(k, dtype=np.int64)
+    for row in range(n_queries):
+        nearest[:] = np.inf
+        index[:] = 0
+        for tile in range((n_samples + TILE - 1) // TILE):
+            _distances(tiles[tile], queries[row], distance)
+            _keep_nearest(distance, min(TILE, n_samples - tile * TILE), tile, nearest, index)
+        mean[row], std[row] = _spread(targets, index)
     return mean, std

@@ -48,29 +48,30 @@ def noise(
 
     That is the 1/f amplitude spectrum of natural scenes. ``stretch`` lengthens it along v.
     """
-    total = sheet.filled(0.0)
-    wavelength_m = coarsest_m
-    while wavelength_m >= max(finest_m, 2.0 * sheet.texel_m):
-        knot_m = wavelength_m / 2
-        knots = (
-            2 + math.ceil(sheet.height_m / (knot_m * stretch)),
-            2 + math.ceil(sheet.width_m / knot_m),
-        )
-        grid = rng.standard_normal(knots, np.float32)
-        total += _enlarge(grid, sheet, knot_m, knot_m * stretch)
-        wavelength_m /= 2
-    total -= total.mean()
-    deviation = float(total.std())
-    return total / np.float32(deviation) if deviation > 0.0 else total
+    knot_m = coarsest_m / 2
+    last_knot_m = max(finest_m / 2, sheet.texel_m)
+    field = rng.standard_normal(_knots(sheet, knot_m, stretch), np.float32)
+    while knot_m / 2 >= last_knot_m:
+        knot_m /= 2
+        finer = rng.standard_normal(_knots(sheet, knot_m, stretch), np.float32)
+        field = finer + _enlarged(field, finer.shape, 0.5, 0.5)
+    per_knot = sheet.texel_m / knot_m
+    image = _enlarged(field, (sheet.rows, sheet.columns), per_knot, per_knot / stretch)
+    mean, deviation = cv2.meanStdDev(image)
+    return (image - np.float32(mean.item())) / np.float32(max(deviation.item(), 1e-6))
 
 
-def _enlarge(grid: Image, sheet: Sheet, knot_u_m: float, knot_v_m: float) -> Image:
-    """The grid of knots, read off at every texel by cubic interpolation."""
-    scale_u, scale_v = sheet.texel_m / knot_u_m, sheet.texel_m / knot_v_m
-    texel_to_knot = np.array([[scale_u, 0.0, 0.5 * scale_u], [0.0, scale_v, 0.5 * scale_v]])
+def _knots(sheet: Sheet, knot_m: float, stretch: float) -> tuple[int, int]:
+    rows = 2 + math.ceil(sheet.height_m / (knot_m * stretch))
+    return rows, 2 + math.ceil(sheet.width_m / knot_m)
+
+
+def _enlarged(field: Image, shape: tuple[int, ...], step_u: float, step_v: float) -> Image:
+    """``field`` read by cubic interpolation every ``step`` of its own texels."""
+    place = np.array([[step_u, 0.0, 0.0], [0.0, step_v, 0.0]])
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-    size = (sheet.columns, sheet.rows)
-    return cv2.warpAffine(grid, texel_to_knot, size, flags=flags, borderMode=cv2.BORDER_REFLECT)
+    size = (shape[1], shape[0])
+    return cv2.warpAffine(field, place, size, flags=flags, borderMode=cv2.BORDER_REFLECT)
 
 
 def polygon(

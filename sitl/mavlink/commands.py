@@ -6,8 +6,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.messages import FlightMode
 from sitl.autopilot.interface import Ack, AutopilotPort
-from sitl.mavlink.messages import HOME_AMSL_M
 from sitl.mavlink.modes import requested_mode
+from sitl.mavlink.snapshot import HOME_AMSL_M
 
 Parameters = tuple[float, float, float, float, float, float, float]
 """param1 to param7 of COMMAND_LONG, or param1 to param4, x, y, z of COMMAND_INT."""

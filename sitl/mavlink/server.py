@@ -8,9 +8,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from sitl.autopilot.interface import Ack, AutopilotPort, StatusText
 from sitl.mavlink import commands, framing
 from sitl.mavlink.links import UdpLink
-from sitl.mavlink.messages import Snapshot
 from sitl.mavlink.parameters import requested_values
 from sitl.mavlink.setpoints import FRAMES, offboard_setpoint
+from sitl.mavlink.snapshot import Snapshot
 from sitl.mavlink.streams import STREAMS, Schedule
 from sitl.mavlink.tlog import TelemetryLog
 
@@ -52,15 +52,27 @@ class MavlinkServer:
     """Serves one autopilot on several links; call ``poll`` and ``update`` between two steps."""
 
     def __init__(
-        self, autopilot: AutopilotPort, links: Sequence[UdpLink], log: TelemetryLog | None = None
+        self,
+        autopilot: AutopilotPort,
+        links: Sequence[UdpLink],
+        log: TelemetryLog | None = None,
+        speed: float = 1.0,
     ) -> None:
-        """``log`` keeps all that the first link sends and receives; closed by ``close``."""
+        """``log`` keeps all that the first link sends and receives; closed by ``close``.
+
+        ``speed`` is the world's: clients time heartbeats on their own clocks, so a world slower
+        than real time sends more of them.
+        """
         self._autopilot = autopilot
         self._log = log
         time_s = autopilot.estimate.time_s
         self.channels = [
             Channel(link, time_s, log if number == 0 else None) for number, link in enumerate(links)
         ]
+        for channel in self.channels:
+            channel.schedule.set_interval(
+                mavlink.MAVLINK_MSG_ID_HEARTBEAT, 1e6 * min(1.0, speed), time_s
+            )
         self._unknown_frames: set[int] = set()
         self._handlers: Mapping[int, Callable[[Channel, mavlink.MAVLink_message], None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,

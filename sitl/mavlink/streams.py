@@ -1,42 +1,44 @@
 """Which message goes out when: PX4's rates on its onboard link, in simulated time."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from sitl.mavlink import messages
-from sitl.mavlink.messages import Builder, mavlink
+from pymavlink.dialects.v20 import common as mavlink
+
+from sitl.mavlink import motion, state
+from sitl.mavlink.snapshot import Message, Snapshot
 
 
 class Stream(NamedTuple):
-    builder: Builder
+    builder: Callable[[Snapshot], Message]
     rate_hz: float
     """At start-up; 0 sends it on request only."""
 
 
 STREAMS: Mapping[int, Stream] = {
-    mavlink.MAVLINK_MSG_ID_HEARTBEAT: Stream(messages.heartbeat, 1.0),
-    mavlink.MAVLINK_MSG_ID_ATTITUDE: Stream(messages.attitude, 100.0),
-    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: Stream(messages.attitude_quaternion, 50.0),
-    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Stream(messages.global_position_int, 50.0),
-    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: Stream(messages.highres_imu, 50.0),
-    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: Stream(messages.local_position_ned, 30.0),
-    mavlink.MAVLINK_MSG_ID_ODOMETRY: Stream(messages.odometry, 30.0),
-    mavlink.MAVLINK_MSG_ID_ALTITUDE: Stream(messages.altitude, 10.0),
-    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: Stream(messages.distance_sensor, 10.0),
-    mavlink.MAVLINK_MSG_ID_VFR_HUD: Stream(messages.vfr_hud, 10.0),
-    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: Stream(messages.attitude_target, 10.0),
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: Stream(state.heartbeat, 1.0),
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: Stream(motion.attitude, 100.0),
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: Stream(motion.attitude_quaternion, 50.0),
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Stream(motion.global_position_int, 50.0),
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: Stream(motion.highres_imu, 50.0),
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: Stream(motion.local_position_ned, 30.0),
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: Stream(motion.odometry, 30.0),
+    mavlink.MAVLINK_MSG_ID_ALTITUDE: Stream(motion.altitude, 10.0),
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: Stream(motion.distance_sensor, 10.0),
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: Stream(motion.vfr_hud, 10.0),
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: Stream(motion.attitude_target, 10.0),
     mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: Stream(
-        messages.position_target_local_ned, 10.0
+        motion.position_target_local_ned, 10.0
     ),
-    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: Stream(messages.servo_output_raw, 10.0),
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: Stream(messages.gps_raw_int, 8.0),
-    mavlink.MAVLINK_MSG_ID_SYS_STATUS: Stream(messages.sys_status, 5.0),
-    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Stream(messages.extended_sys_state, 5.0),
-    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: Stream(messages.system_time, 1.0),
-    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: Stream(messages.estimator_status, 1.0),
-    mavlink.MAVLINK_MSG_ID_HOME_POSITION: Stream(messages.home_position, 0.5),
-    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: Stream(messages.battery_status, 0.5),
-    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: Stream(messages.autopilot_version, 0.0),
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: Stream(motion.servo_output_raw, 10.0),
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: Stream(state.gps_raw_int, 8.0),
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: Stream(state.sys_status, 5.0),
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Stream(state.extended_sys_state, 5.0),
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: Stream(state.system_time, 1.0),
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: Stream(state.estimator_status, 1.0),
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: Stream(state.home_position, 0.5),
+    mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: Stream(state.battery_status, 0.5),
+    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: Stream(state.autopilot_version, 0.0),
 }
 
 _CLOCK_TOLERANCE_S = 1e-6

@@ -1,0 +1,52 @@
+"""A recording in the place of a camera."""
+
+from collections.abc import AsyncIterator, Iterator
+from types import TracebackType
+from typing import Protocol, Self
+
+from companion.kernel.calibration import StereoCalibration
+from companion.kernel.errors import CameraError
+from companion.kernel.messages import StereoFrame
+
+
+class Recording(Protocol):
+    """Stereo pairs at rest, oldest first."""
+
+    @property
+    def calibration(self) -> StereoCalibration: ...
+
+    def __len__(self) -> int: ...
+
+    def __iter__(self) -> Iterator[StereoFrame]: ...
+
+
+class ReplayCamera:
+    """Every pair in its turn, as fast as they are taken; none is dropped."""
+
+    frames_dropped = 0
+
+    def __init__(self, recording: Recording) -> None:
+        self.calibration = recording.calibration
+        self._recording = recording
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """A recording holds nothing open between two frames."""
+
+    async def frames(self) -> AsyncIterator[StereoFrame]:
+        """Ends with the recording. Raises CameraError for a pair of another geometry."""
+        shape = (self.calibration.height_px, self.calibration.width_px)
+        for frame in self._recording:
+            if frame.left.shape != shape or frame.right.shape != shape:
+                raise CameraError(
+                    f"recording: pair at {frame.stamp_ns} ns is {frame.left.shape} and "
+                    f"{frame.right.shape} (height, width); its calibration says {shape}"
+                )
+            yield frame

@@ -1,0 +1,261 @@
+"""The autopilot: takes commands and setpoints, flies the airframe. No link in here."""
+
+import math
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from companion.kernel.messages import FlightMode, LandedState
+from sitl.airframe import AirframeState
+from sitl.autopilot.arming import Arming, arming_problems
+from sitl.autopilot.battery import Battery
+from sitl.autopilot.control import RELAXED, AttitudeCommand
+from sitl.autopilot.estimator import Estimator
+from sitl.autopilot.failsafe import ACTION_MODES, Action, Failsafe, Situation
+from sitl.autopilot.flight import Flight
+from sitl.autopilot.ground import GroundState
+from sitl.autopilot.interface import (
+    Ack,
+    Estimate,
+    OffboardSetpoint,
+    Severity,
+    StatusText,
+    VehicleStatus,
+)
+from sitl.autopilot.parameters import change_parameter, default_parameters
+from sitl.settings import BatterySettings, EstimatorSettings
+
+CONTROL_HZ: Final = 50
+_UPRIGHT_RAD: Final = math.radians(60.0)  # PX4's failure detector, FD_FAIL_R and FD_FAIL_P
+_SELECTABLE: Final = (FlightMode.HOLD, FlightMode.OFFBOARD, FlightMode.LAND, FlightMode.TAKEOFF)
+
+
+class MotorCommand(NamedTuple):
+    """For the airframe: whether the rotors are powered, and what its inner loops fly."""
+
+    spinning: bool
+    attitude: AttitudeCommand
+
+
+class Autopilot:
+    """Implements ``AutopilotPort``. The world calls ``update`` at ``CONTROL_HZ``.
+
+    ``now_s`` is the world's time: it stamps setpoints that arrive between two updates.
+    """
+
+    def __init__(
+        self,
+        start: AirframeState,
+        hover_thrust_norm: float,
+        now_s: Callable[[], float],
+        rng: np.random.Generator,
+        estimator: EstimatorSettings,
+        battery: BatterySettings,
+    ) -> None:
+        self.parameters = default_parameters()
+        self._now_s = now_s
+        self._estimator = Estimator(estimator, CONTROL_HZ, rng)
+        self._battery = Battery(battery)
+        self._flight = Flight(self.parameters, hover_thrust_norm, CONTROL_HZ)
+        self._arming = Arming(self.parameters)
+        self._failsafe = Failsafe(self.parameters)
+        self._texts: list[StatusText] = []
+        self._ready = False
+        self._intended = FlightMode.HOLD
+        self._setpoint_s = -math.inf
+        self._motors_norm = start.motors_norm
+        self.estimate: Estimate = self._estimator.update(start)
+
+    @property
+    def airborne(self) -> bool:
+        return self._flight.airborne
+
+    @property
+    def landed_state(self) -> LandedState:
+        return self._flight.landed_state
+
+    # -- what links ask and command ------------------------------------------------------------
+
+    @property
+    def status(self) -> VehicleStatus:
+        flight, command = self._flight, self._flight.command
+        return VehicleStatus(
+            armed=self._arming.armed,
+            mode=self._mode_now(),
+            landed_state=flight.landed_state,
+            ready_to_arm=self._ready,
+            failsafe=self._failsafe.active,
+            battery_voltage_v=self._battery.voltage_v,
+            battery_current_a=self._battery.current_a,
+            battery_norm=self._battery.charge_norm,
+            motors_norm=self._motors_norm,
+            position_setpoint_ned_m=flight.goal.position_ned_m,
+            velocity_setpoint_ned_m_s=flight.controller.velocity_setpoint_ned_m_s,
+            yaw_setpoint_rad=flight.controller.yaw_setpoint_rad,
+            thrust_norm=command.thrust_norm,
+            roll_setpoint_rad=command.roll_rad,
+            pitch_setpoint_rad=command.pitch_rad,
+            yaw_rate_setpoint_rad_s=command.yaw_rate_rad_s,
+        )
+
+    def set_parameter(self, name: str, value: float) -> bool:
+        return change_parameter(self.parameters, name, value)
+
+    def drain_status_texts(self) -> list[StatusText]:
+        texts, self._texts = self._texts, []
+        return texts
+
+    def arm(self, force: bool = False) -> Ack:
+        if self._arming.armed:
+            return Ack.ACCEPTED
+        problems = self._arming_problems()
+        if problems and not force:
+            self._say(Severity.CRITICAL, f"Arming denied: {', '.join(problems)}")
+            return Ack.TEMPORARILY_REJECTED
+        self._arming.arm(self._now_s())
+        self._say(Severity.INFO, "Armed by external command")
+        return Ack.ACCEPTED
+
+    def disarm(self, force: bool = False) -> Ack:
+        if self.airborne and not force:
+            self._say(Severity.CRITICAL, "Disarming denied: not landed")
+            return Ack.TEMPORARILY_REJECTED
+        if self._arming.armed:
+            self._stop_motors("Disarmed by external command")
+        return Ack.ACCEPTED
+
+    def take_off(self, height_m: float = math.nan) -> Ack:
+        wanted_m = self.parameters["MIS_TAKEOFF_ALT"] if math.isnan(height_m) else height_m
+        if not 0.0 < wanted_m < math.inf:
+            return Ack.DENIED
+        if self.airborne:
+            return self._refuse(FlightMode.TAKEOFF)
+        self._flight.take_off_height_m = wanted_m
+        return self._intend(FlightMode.TAKEOFF)
+
+    def land(self) -> Ack:
+        if not self._arming.armed:
+            return Ack.ACCEPTED
+        return self._intend(FlightMode.LAND)
+
+    def set_mode(self, mode: FlightMode) -> Ack:
+        if mode is FlightMode.LAND:
+            return self.land()
+        if mode is FlightMode.TAKEOFF:
+            return self.take_off()
+        blind = mode is FlightMode.OFFBOARD and self._arming.armed and self._setpoints_lost()
+        if mode not in _SELECTABLE or blind:
+            return self._refuse(mode)
+        return self._intend(mode)
+
+    def set_offboard_setpoint(self, setpoint: OffboardSetpoint) -> None:
+        self._flight.setpoint = setpoint
+        self._setpoint_s = self._now_s()
+
+    def terminate(self, reason: str) -> None:
+        """Motors off at once, wherever the vehicle is."""
+        if self._arming.armed:
+            self._say(Severity.CRITICAL, f"Flight terminated: {reason}")
+            self._stop_motors("Disarmed by failure detector")
+
+    # -- flying --------------------------------------------------------------------------------
+
+    def update(self, truth: AirframeState) -> MotorCommand:
+        """One step of everything; ``truth`` is what the sensors are made from."""
+        self.estimate = estimate = self._estimator.update(truth)
+        self._motors_norm = truth.motors_norm
+        self._battery.update(truth.motors_norm, 1.0 / CONTROL_HZ)
+        if self._arming.armed:
+            self._feel_ground(estimate)
+            if self.airborne:
+                self._watch(estimate)
+        if not self._arming.armed:
+            self._announce_readiness()
+            return MotorCommand(False, RELAXED)
+        if self._flight.take_off_done and self._intended is FlightMode.TAKEOFF:
+            self._intended = FlightMode.HOLD
+        may_lift_off = self._arming.spooled_up(estimate.time_s) and not (
+            self._intended is FlightMode.OFFBOARD and self._setpoints_lost()
+        )
+        return MotorCommand(True, self._flight.step(estimate, self._mode_now(), may_lift_off))
+
+    def _feel_ground(self, estimate: Estimate) -> None:
+        """Reports lift-off and touch-down, and disarms what has stood for long enough."""
+        ground, before = self._flight.ground, self._flight.ground.state
+        self._flight.feel_ground(estimate)
+        if before is GroundState.LIFTING_OFF and ground.state is GroundState.FLYING:
+            self._arming.left_ground()
+            self._say(Severity.INFO, "Takeoff detected")
+        elif ground.standing and before is not GroundState.STANDING:
+            self._arming.touched_ground(estimate.time_s)
+            self._say(Severity.INFO, "Landing detected")
+        reason = self._arming.reason_to_disarm(estimate.time_s, ground.standing)
+        if reason is not None:
+            self._stop_motors(reason)
+
+    def _watch(self, estimate: Estimate) -> None:
+        """Lets the failsafes judge."""
+        was_active = self._failsafe.active
+        situation = Situation(
+            self._intended is FlightMode.OFFBOARD,
+            estimate.time_s - self._setpoint_s,
+            self._battery.charge_norm,
+            estimate.position_ned_m,
+            self._upright(),
+        )
+        causes = self._failsafe.update(situation)
+        if self._failsafe.active and not was_active:
+            self._say(Severity.CRITICAL, "Failsafe activated")
+        for cause in causes:
+            self._say(Severity.WARNING, cause)
+        if self._failsafe.action is Action.TERMINATE:
+            self.terminate(", ".join(self._failsafe.causes))
+
+    # -- small questions -----------------------------------------------------------------------
+
+    def _mode_now(self) -> FlightMode:
+        """The commanded mode, unless a failsafe has taken over."""
+        return ACTION_MODES.get(self._failsafe.action, self._intended)
+
+    def _setpoints_lost(self) -> bool:
+        return self._now_s() - self._setpoint_s > self.parameters["COM_OF_LOSS_T"]
+
+    def _upright(self) -> bool:
+        return max(abs(self.estimate.roll_rad), abs(self.estimate.pitch_rad)) < _UPRIGHT_RAD
+
+    def _arming_problems(self) -> list[str]:
+        offboard = self._intended is FlightMode.OFFBOARD
+        return arming_problems(
+            estimator_ready=self._estimator.ready(self.estimate.time_s),
+            battery_ok=self._battery.charge_norm > self.parameters["BAT_CRIT_THR"],
+            offboard_without_setpoints=offboard and self._setpoints_lost(),
+            upright=self._upright(),
+        )
+
+    # -- changes of state ----------------------------------------------------------------------
+
+    def _announce_readiness(self) -> None:
+        ready = not self._arming_problems()
+        if ready and not self._ready:
+            self._say(Severity.INFO, "Ready for takeoff!")
+        self._ready = ready
+
+    def _intend(self, mode: FlightMode) -> Ack:
+        self._intended = mode
+        self._failsafe.overrule()
+        return Ack.ACCEPTED
+
+    def _refuse(self, mode: FlightMode) -> Ack:
+        self._say(Severity.CRITICAL, f"Mode {mode.value} is not available now")
+        return Ack.TEMPORARILY_REJECTED
+
+    def _stop_motors(self, reason: str) -> None:
+        self._say(Severity.INFO, reason)
+        self._arming.disarm()
+        self._flight.stop()
+        self._failsafe.reset()
+        self._intended = FlightMode.HOLD
+
+    def _say(self, severity: Severity, text: str) -> None:
+        self._texts.append(StatusText(self._now_s(), severity, text))

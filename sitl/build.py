@@ -1,0 +1,67 @@
+"""Puts the simulation together: a room, the world in it, the camera on the vehicle."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from companion.kernel.calibration import StereoCalibration
+from companion.kernel.frames import matrix_from_euler
+from companion.kernel.messages import StereoFrame
+from companion.kernel.settings import convert_settings
+from sitl.arena.camera import StereoCameraModel
+from sitl.arena.contact import RoomContact
+from sitl.arena.room import load_room
+from sitl.settings import SitlSettings
+from sitl.simulator import World
+
+CAMERA_STREAM = 1
+"""Key of the camera's random numbers among those spawned from the seed; the world's is 0."""
+
+
+class MountedCamera:
+    """The stereo camera on the vehicle: exposes from where the vehicle truly is."""
+
+    def __init__(self, world: World, model: StereoCameraModel) -> None:
+        self._world = world
+        self._model = model
+
+    @property
+    def calibration(self) -> StereoCalibration:
+        return self._model.calibration
+
+    def expose(self) -> StereoFrame:
+        """The pair as of now."""
+        truth = self._world.truth
+        return self._model.render(
+            truth.position_ned_m, matrix_from_euler(*truth.euler_rad), self._world.stamp_ns
+        )
+
+
+class Simulation:
+    """A world and its camera; ``next_frame`` moves time to the next exposure."""
+
+    def __init__(self, world: World, camera: MountedCamera, camera_rate_hz: float) -> None:
+        self.world = world
+        self.camera = camera
+        self._steps = world.whole_steps(camera_rate_hz, "camera rate")
+
+    def next_frame(self) -> StereoFrame:
+        """Steps the world to the next multiple of the camera's period, and exposes there."""
+        done = round(self.world.time_s * self.world.physics_hz)
+        for _ in range(self._steps - done % self._steps):
+            self.world.step()
+        return self.camera.expose()
+
+
+def build(
+    room_path: Path, settings: Mapping[str, Any], seed: int, camera_rate_hz: float
+) -> Simulation:
+    """Everything from its files. Raises PlanError: file or key, and what is allowed."""
+    chosen = convert_settings(dict(settings), SitlSettings, "sitl")
+    room = load_room(room_path)
+    world = World(room, chosen, seed, RoomContact(room))
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CAMERA_STREAM,)))
+    camera = MountedCamera(world, StereoCameraModel(room, chosen.camera, rng))
+    return Simulation(world, camera, camera_rate_hz)

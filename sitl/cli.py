@@ -1,0 +1,137 @@
+"""The command line: ``sitl run ROOM``."""
+
+import gc
+import json
+import logging
+import os
+import select
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import typer
+
+from companion.kernel.clock import WallClock
+from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, CompanionError, PlanError
+from companion.kernel.settings import read_toml
+from sitl.build import build
+from sitl.mavlink.links import UdpLink
+from sitl.mavlink.server import MavlinkServer
+from sitl.mavlink.tlog import TelemetryLog
+from sitl.process import ReadyLine
+from sitl.server import CameraServer, RealTimeServer
+
+DEFAULT_MAVLINK = "udpout://127.0.0.1:14540?local_port=14580"
+DEFAULT_CAMERA = "tcp://127.0.0.1:14590"
+
+app = typer.Typer(
+    help="A multirotor with a stereo camera in a textured room, made of software.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+@app.callback()
+def _setup(
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log more to stderr.")] = False,
+) -> None:
+    level = logging.INFO if verbose else logging.WARNING
+    logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s")
+
+
+@app.command()
+def run(
+    room: Annotated[Path, typer.Argument(help="Room (TOML); see flightplans/rooms.")],
+    mavlink: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="URL",
+            help="udpout://HOST:PORT[?local_port=PORT] speaks first, udpin://HOST:PORT waits for "
+            f"clients; may be given many times. [default: {DEFAULT_MAVLINK}]",
+        ),
+    ] = None,
+    camera: Annotated[
+        str, typer.Option(metavar="URL", help="Where stereo frames are published; port 0: any.")
+    ] = DEFAULT_CAMERA,
+    camera_rate: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 10.0,
+    speed: Annotated[float, typer.Option(min=0.1, max=100, help="Times real time.")] = 1.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
+    settings: Annotated[
+        Path | None, typer.Option(help="The plan's [sitl] table, as a TOML or JSON file.")
+    ] = None,
+    log_dir: Annotated[
+        Path | None, typer.Option(help="Existing folder for flight.tlog, the first link's log.")
+    ] = None,
+    until_stdin_closes: Annotated[
+        bool, typer.Option(help="End when stdin closes: for a parent process.")
+    ] = False,
+) -> None:
+    """Fly in real time until SIGINT or SIGTERM.
+
+    When ready, prints one line of JSON on stdout: {"ready": true, "mavlink": [URL, ...], "camera":
+    URL}, with the ports that were really taken.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: stop.set())
+    with ExitStack() as open_things:
+        links = [_closed_by(open_things, UdpLink(url)) for url in mavlink or [DEFAULT_MAVLINK]]
+        simulation = build(room, _read_settings(settings), seed, camera_rate)
+        log = TelemetryLog(log_dir / "flight.tlog") if log_dir else None
+        vehicle = MavlinkServer(simulation.world.autopilot, links, log, speed)
+        open_things.callback(vehicle.close)
+        frames = CameraServer(camera, simulation.camera.calibration)
+        open_things.callback(frames.close)
+        server = RealTimeServer(
+            simulation.world, simulation.camera, vehicle, frames, camera_rate, WallClock(speed)
+        )
+        gc.collect()
+        gc.freeze()  # what lives until now lives to the end; looking through it costs milliseconds
+        ready = ReadyLine(mavlink=[link.url for link in links], camera=frames.url)
+        typer.echo(msgspec.json.encode(ready))
+        server.run(lambda: stop.is_set() or (until_stdin_closes and _stdin_closed()))
+
+
+def _closed_by(stack: ExitStack, link: UdpLink) -> UdpLink:
+    stack.callback(link.close)
+    return link
+
+
+def _read_settings(path: Path | None) -> dict[str, Any]:
+    if path is None:
+        return {}
+    if path.suffix != ".json":
+        return read_toml(path)
+    try:
+        table = json.loads(path.read_bytes())
+    except OSError as error:
+        raise PlanError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise PlanError(f"{path}: not valid JSON: {error}") from error
+    if not isinstance(table, dict):
+        raise PlanError(f"{path}: must hold a table, not {type(table).__name__}")
+    return table
+
+
+def _stdin_closed() -> bool:
+    readable, _, _ = select.select([sys.stdin], [], [], 0.0)
+    return bool(readable) and not os.read(sys.stdin.fileno(), 1024)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The console script; returns the exit code."""
+    try:
+        app(sys.argv[1:] if argv is None else list(argv), prog_name="sitl")
+    except SystemExit as end:  # typer has said what was wrong with the words
+        return end.code if isinstance(end.code, int) else EXIT_FAILED
+    except CompanionError as error:
+        typer.echo(f"sitl: {error}", err=True)
+        return error.exit_code
+    return EXIT_FLOWN

@@ -1,0 +1,42 @@
+"""One moment of the vehicle, and where on Earth it is said to be."""
+
+import math
+from typing import NamedTuple, TypeAlias
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from sitl.autopilot.interface import Estimate, VehicleStatus
+
+HOME_LATITUDE_DEG = 51.9906
+HOME_LONGITUDE_DEG = 4.3768
+HOME_AMSL_M = 10.0
+"""Where local (0, 0, 0) is said to be on Earth: a flight hall in Delft. There is no GPS indoors."""
+
+Message: TypeAlias = mavlink.MAVLink_message
+
+
+class Snapshot(NamedTuple):
+    """One moment of the vehicle, from which every message of that moment is built."""
+
+    estimate: Estimate
+    status: VehicleStatus
+
+    @property
+    def boot_ms(self) -> int:
+        return round(self.estimate.time_s * 1e3)
+
+    @property
+    def boot_us(self) -> int:
+        return round(self.estimate.time_s * 1e6)
+
+    @property
+    def ready(self) -> bool:
+        return self.status.ready_to_arm or self.status.armed
+
+    @property
+    def height_m(self) -> float:
+        return -self.estimate.position_ned_m[2]
+
+
+def percent(share_norm: float, unknown: int) -> int:
+    return round(100.0 * share_norm) if math.isfinite(share_norm) else unknown

@@ -1,0 +1,184 @@
+"""The simulator as a process of its own: started, watched and ended by the companion."""
+
+import asyncio
+import json
+import logging
+import socket
+import sys
+from asyncio.subprocess import PIPE, Process
+from collections import deque
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+
+import msgspec
+
+from companion.kernel.errors import CompanionError, PlanError, SimulatorError
+from companion.kernel.messages import SimulationRequest
+from companion.kernel.protocols import Endpoints
+
+logger = logging.getLogger(__name__)
+
+HOST = "127.0.0.1"
+MAVLINK_PORTS = range(14600, 15000)
+"""Below the ports that systems hand out on their own, so that nobody gets one by chance."""
+READY_LIMIT_S = 120.0
+"""Wall time until the child says that it is ready; compiling for a cold cache takes most of it."""
+END_LIMIT_S = 5.0
+KEPT_ERROR_LINES = 5
+
+
+class ReadyLine(msgspec.Struct, frozen=True, kw_only=True):
+    """The one line that ``sitl run`` prints, as JSON."""
+
+    ready: bool = True
+    mavlink: list[str]
+    camera: str
+
+
+@asynccontextmanager
+async def launch(request: SimulationRequest) -> AsyncIterator[Endpoints]:
+    """The entry point ``sitl`` of the companion's simulators.
+
+    Raises SimulatorError when the process does not come up, or dies while it is needed.
+    """
+    with _reserved_mavlink_port() as port:
+        process = await _start(request, port)
+        errors: deque[str] = deque(maxlen=KEPT_ERROR_LINES)
+        relay = asyncio.create_task(_relay_errors(process, errors), name="sitl's stderr")
+        try:
+            ready = await _await_ready(process, relay, errors)
+            async with _watched(process, relay, errors):
+                yield Endpoints(f"udpin://{HOST}:{port}", ready.camera)
+        finally:
+            await _end(process)
+            await relay
+
+
+@contextmanager
+def _reserved_mavlink_port() -> Iterator[int]:
+    """A UDP port that no other flight takes: the TCP port of the same number is the lock."""
+    for port in MAVLINK_PORTS:
+        with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as lock:
+            if _can_bind(lock, port):
+                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                    free = _can_bind(probe, port)
+                if free:
+                    yield port
+                    return
+    first, last = MAVLINK_PORTS[0], MAVLINK_PORTS[-1]
+    raise SimulatorError(f"no free UDP port for MAVLink among {first} to {last}")
+
+
+def _can_bind(opened: socket.socket, port: int) -> bool:
+    try:
+        opened.bind((HOST, port))
+    except OSError:
+        return False
+    return True
+
+
+async def _start(request: SimulationRequest, port: int) -> Process:
+    log_dir = Path(request.log_dir)
+    settings = log_dir / "sitl.json"
+    try:
+        settings.write_text(json.dumps(request.settings, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise SimulatorError(f"{settings}: cannot be written: {error.strerror}") from error
+    options = {
+        "--mavlink": f"udpout://{HOST}:{port}",
+        "--camera": f"tcp://{HOST}:0",
+        "--camera-rate": str(request.camera_rate_hz),
+        "--speed": str(request.speed),
+        "--seed": str(request.seed),
+        "--settings": str(settings),
+        "--log-dir": str(log_dir),
+    }
+    words = [word for option in options.items() for word in option]
+    # A session of its own: an interrupt from the terminal is the companion's, which first lands.
+    return await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "sitl", "run", request.room, "--until-stdin-closes", *words),
+        stdin=PIPE,
+        stdout=PIPE,
+        stderr=PIPE,
+        start_new_session=True,
+    )
+
+
+async def _relay_errors(process: Process, errors: deque[str]) -> None:
+    assert process.stderr is not None
+    async for line in process.stderr:
+        errors.append(line.decode(errors="replace").rstrip())
+        logger.warning("%s", errors[-1])
+
+
+async def _await_ready(
+    process: Process, relay: asyncio.Task[None], errors: deque[str]
+) -> ReadyLine:
+    assert process.stdout is not None
+    try:
+        async with asyncio.timeout(READY_LIMIT_S):
+            line = await process.stdout.readline()
+            if not line:
+                await process.wait()
+                await relay
+    except TimeoutError:
+        raise SimulatorError(f"the simulator was not ready within {READY_LIMIT_S:g} s") from None
+    if not line:
+        raise _death(process, errors, "did not start")
+    try:
+        return msgspec.json.decode(line, type=ReadyLine)
+    except msgspec.MsgspecError as error:
+        raise SimulatorError(f"the simulator said {line[:80]!r} instead of being ready") from error
+
+
+def _death(process: Process, errors: deque[str], what: str) -> CompanionError:
+    """The child's last words; a mistake in the plan stays one."""
+    code = process.returncode
+    said = errors[-1].removeprefix("sitl: ") if errors else "it said nothing"
+    if code == PlanError.exit_code:
+        return PlanError(said)
+    return SimulatorError(f"the simulator {what} (exit code {code}): {said}")
+
+
+@asynccontextmanager
+async def _watched(
+    process: Process, relay: asyncio.Task[None], errors: deque[str]
+) -> AsyncIterator[None]:
+    """Cancels the body when the process dies, and turns what comes of it into SimulatorError."""
+    body = asyncio.current_task()
+    assert body is not None
+
+    async def watch() -> None:
+        await process.wait()
+        await relay
+        body.cancel()
+
+    watcher = asyncio.create_task(watch(), name="sitl watch")
+    try:
+        yield
+    except asyncio.CancelledError:
+        if not watcher.done() or watcher.cancelled() or body.uncancel() > 0:
+            raise
+        raise _death(process, errors, "died in flight") from None
+    except CompanionError as error:
+        if process.returncode is None:
+            raise
+        raise _death(process, errors, "died in flight") from error
+    finally:
+        watcher.cancel()
+        await asyncio.wait({watcher})
+
+
+async def _end(process: Process) -> None:
+    """Asks by closing its input, then by signals; returns when it is gone."""
+    assert process.stdin is not None
+    process.stdin.close()
+    for ask in (process.terminate, process.kill):
+        if process.returncode is None:
+            try:
+                async with asyncio.timeout(END_LIMIT_S):
+                    await process.wait()
+            except TimeoutError:
+                ask()
+    await process.wait()

@@ -1,0 +1,170 @@
+"""The world in real time: as fast as asked, on links and a camera socket."""
+
+import errno
+import logging
+import select
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+import zmq
+from numpy.typing import NDArray
+
+from companion.kernel import wire
+from companion.kernel.calibration import StereoCalibration
+from companion.kernel.clock import WallClock, wall_s
+from companion.kernel.errors import PlanError, SimulatorError
+from companion.kernel.frames import Vector3, matrix_from_euler
+from companion.kernel.messages import MocapPose, StereoFrame
+from sitl.airframe import AirframeState
+from sitl.mavlink.server import MavlinkServer
+
+logger = logging.getLogger(__name__)
+
+SHORTEST_WAIT_S = 0.001
+"""Wall time. At high speed several steps share one wait; a datagram ends any wait at once."""
+LONGEST_SLICE_S = 0.02
+"""Wall time that the world may take before the links are served again."""
+LAG_LIMIT_S = 0.05
+"""Wall time that may be caught up with; what is more than that, the world is simply late."""
+CALM_AFTER_S = 1.0
+"""Wall time before a lag is worth a warning: caches are cold at the start."""
+SEND_MEMORY_BYTES = 256_000_000
+"""For one client that does not read; frames beyond it are dropped, for that client alone."""
+
+
+class SteppedWorld(Protocol):
+    """What the server needs of the simulated world."""
+
+    @property
+    def time_s(self) -> float: ...
+
+    @property
+    def stamp_ns(self) -> int: ...
+
+    @property
+    def truth(self) -> AirframeState: ...
+
+    @property
+    def crashed(self) -> str | None: ...
+
+    @property
+    def mocap(self) -> deque[MocapPose]: ...
+
+    def step(self) -> None: ...
+
+
+class RenderedCamera(Protocol):
+    """Renders what the pair sees from a pose of the body in the room."""
+
+    def render(
+        self, position_ned_m: Vector3, ned_from_frd: NDArray[np.float64], stamp_ns: int
+    ) -> StereoFrame: ...
+
+
+class CameraServer:
+    """Publishes frames and motion-capture truth on a ZeroMQ PUB socket."""
+
+    def __init__(self, url: str, calibration: StereoCalibration) -> None:
+        self._calibration = calibration
+        self._sequence = 0
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.PUB)
+        image_bytes = 2 * calibration.width_px * calibration.height_px
+        self._socket.setsockopt(zmq.SNDHWM, max(10, min(10_000, SEND_MEMORY_BYTES // image_bytes)))
+        try:
+            self._socket.bind(url)
+        except zmq.ZMQError as error:
+            self._context.destroy(linger=0)
+            if error.errno in {errno.EADDRINUSE, errno.EADDRNOTAVAIL, errno.ENODEV}:
+                raise SimulatorError(f"{url}: cannot publish frames: {error}") from error
+            raise PlanError(
+                f"{url}: not an address for frames ({error}); use tcp://HOST:PORT, port 0 for any"
+            ) from error
+        self.url = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
+
+    def publish_frame(self, frame: StereoFrame) -> None:
+        self._socket.send_multipart(wire.encode_frame(frame, self._sequence, self._calibration))
+        self._sequence += 1
+
+    def publish_truth(self, poses: deque[MocapPose]) -> None:
+        """Takes all of ``poses``."""
+        if poses:
+            self._socket.send_multipart(wire.encode_truth(poses))
+            poses.clear()
+
+    def close(self) -> None:
+        self._context.destroy(linger=0)
+
+
+class RealTimeServer:
+    """Steps the world along the clock; when that is too fast, the world is late, never jumps."""
+
+    def __init__(
+        self,
+        world: SteppedWorld,
+        camera: RenderedCamera,
+        mavlink: MavlinkServer,
+        frames: CameraServer,
+        camera_rate_hz: float,
+        clock: WallClock,
+    ) -> None:
+        self._world = world
+        self._camera = camera
+        self._mavlink = mavlink
+        self._frames = frames
+        self._frame_period_s = 1.0 / camera_rate_hz
+        self._frame_due_s = world.time_s + self._frame_period_s
+        self._clock = clock
+        self._warned = False
+
+    def run(self, stopped: Callable[[], bool]) -> None:
+        """Until ``stopped()``; it is asked every few milliseconds."""
+        self._expose()  # compiles what is compiled at first use, before time begins
+        links = [channel.link for channel in self._mavlink.channels]
+        self._begin_s = wall_s()
+        self._ahead_s = self._world.time_s - self._clock.now_s()
+        while not stopped():
+            self._mavlink.poll()
+            self._follow_clock()
+            late_s = self._target_s() - self._world.time_s
+            wait_s = max(SHORTEST_WAIT_S, -late_s / self._clock.speed) if late_s < 0.0 else 0.0
+            select.select(links, [], [], wait_s)
+
+    def _target_s(self) -> float:
+        return self._clock.now_s() + self._ahead_s
+
+    def _follow_clock(self) -> None:
+        self._give_up_lag()
+        slice_end_s = wall_s() + LONGEST_SLICE_S
+        while self._world.time_s < self._target_s() and wall_s() < slice_end_s:
+            self._step()
+
+    def _step(self) -> None:
+        self._world.step()
+        time_s = self._world.time_s
+        self._mavlink.update(time_s)
+        if time_s >= self._frame_due_s - 1e-6:
+            self._frame_due_s += self._frame_period_s
+            frame = self._expose()
+            self._frames.publish_truth(self._world.mocap)
+            self._frames.publish_frame(frame)
+
+    def _expose(self) -> StereoFrame:
+        truth = self._world.truth
+        pose = matrix_from_euler(*truth.euler_rad)
+        return self._camera.render(truth.position_ned_m, pose, self._world.stamp_ns)
+
+    def _give_up_lag(self) -> None:
+        lag_s = (self._target_s() - self._world.time_s) / self._clock.speed
+        if lag_s <= LAG_LIMIT_S:
+            return
+        self._ahead_s = self._world.time_s - self._clock.now_s()
+        if not self._warned and wall_s() - self._begin_s > CALM_AFTER_S:
+            self._warned = True
+            logger.warning(
+                "this machine cannot keep up with speed %g (%.0f ms late): flying slower",
+                self._clock.speed,
+                lag_s * 1e3,
+            )
