@@ -86,7 +86,7 @@ def print_learning(console: Console, report: LearningReport) -> None:
         "Frames read": str(report.n_frames),
         "Frames learned from": str(report.n_train),
         "Frames scored": str(report.n_test),
-        "Mean square error [px²]": format_figure(report.mse),
+        "Mean square error, px²": format_figure(report.mse),
         "MSE over variance": format_figure(report.mse_over_variance),
         "Area under the ROC curve": format_figure(report.auc),
         f"True positive rate above {report.threshold_px:.2f} px": format_figure(report.tpr),

@@ -16,7 +16,7 @@ from companion.kernel.errors import CompanionError
 from companion.kernel.messages import SimulationRequest
 from companion.kernel.protocols import Rig
 from companion.loops import Observer
-from companion.modelfile import load_dictionary, save_learner
+from companion.modelfile import load_dictionary, save_model
 from companion.pipeline import Pipeline, Step
 from companion.plan import Plan, room_path
 from companion.rigs import needs_room, open_rig
@@ -174,4 +174,4 @@ def _leave(log_dir: Path, summary: Summary, pipeline: Pipeline) -> None:
         (log_dir / SUMMARY_NAME).write_bytes(text + b"\n")
     except OSError as error:
         raise CompanionError(f"{log_dir}: cannot be written: {error.strerror}") from error
-    save_learner(log_dir / MODEL_NAME, pipeline.learner, pipeline.matcher.calibration)
+    save_model(log_dir / MODEL_NAME, pipeline.learner.state(), pipeline.matcher.calibration)

@@ -27,6 +27,8 @@ class RocCurve(NamedTuple):
     @property
     def auc(self) -> float:
         """Chance that a positive scores above a negative, ties counting half."""
+        if np.isnan(self.fpr[0]) or np.isnan(self.tpr[0]):
+            return math.nan
         return float(np.sum(np.diff(self.fpr) * (self.tpr[1:] + self.tpr[:-1])) / 2.0)
 
     def fpr_at_tpr(self, wanted_tpr: float) -> float:

@@ -44,6 +44,7 @@ class Pipeline:
         self.behaviour = Behaviour(plan.behaviour, behaviour_rng)
         self.scorecard = Scorecard(plan.behaviour.turn_threshold_px)
         self.phase = Phase.INITIAL
+        self.samples_learned = 0
         self.thresholds = self._choose_thresholds()
         self._began_ns: int | None = None
 
@@ -77,7 +78,7 @@ class Pipeline:
         stereo = self.matcher.match(frame.left, frame.right)
         features = self.learner.observe(self.learner.image_of(frame))
         mono = self.learner.predict(features)
-        self.learner.learn(features, stereo.disparity_px)
+        self.samples_learned += self.learner.learn(features, stereo.disparity_px)
         return Percept(
             stamp_ns=frame.stamp_ns,
             stereo_px=stereo.disparity_px,

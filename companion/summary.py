@@ -114,7 +114,7 @@ def summarise(plan: Plan, plan_name: str, pipeline: Pipeline, facts: FlightFacts
         threshold_px=pipeline.thresholds.mono_px,
         stereo_flight_s=sum(account.stereo_flight_s for account in flown),
         mono_flight_s=sum(account.mono_flight_s for account in flown),
-        samples_learned=pipeline.learner.n_samples_seen,
+        samples_learned=pipeline.samples_learned,
         frames=facts.frames,
         frames_dropped=facts.frames_dropped,
         sim_s=facts.sim_s,
@@ -143,9 +143,9 @@ def _phase_summary(account: Account) -> PhaseSummary:
 def table_rows(summary: Summary) -> list[tuple[str, str]]:
     """The flight's column of the paper's Table II, with what the paper's text adds to it."""
     return [
-        ("Stereo flight time [m:ss]", _minutes(summary.stereo_flight_s)),
-        ("Mono flight time [m:ss]", _minutes(summary.mono_flight_s)),
-        ("Mean square error [px²]", format_figure(summary.mse)),
+        ("Stereo flight time, m:ss", _minutes(summary.stereo_flight_s)),
+        ("Mono flight time, m:ss", _minutes(summary.mono_flight_s)),
+        ("Mean square error, px²", format_figure(summary.mse)),
         ("False positive rate", format_figure(summary.fpr)),
         ("True positive rate", format_figure(summary.tpr)),
         ("Area under the ROC curve", format_figure(summary.auc)),
@@ -154,7 +154,7 @@ def table_rows(summary: Summary) -> list[tuple[str, str]]:
         ("Turns (test)", str(summary.turns)),
         ("Auto-overrides (test)", str(summary.overrides)),
         ("Overrides per minute (test)", format_figure(summary.overrides_per_min)),
-        ("Mono threshold λ [px]", format_figure(summary.threshold_px)),
+        ("Mono threshold λ, px", format_figure(summary.threshold_px)),
         (
             "Collisions (truth)",
             "unknown" if summary.collisions is None else str(summary.collisions),

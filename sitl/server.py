@@ -7,17 +7,13 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-import numpy as np
 import zmq
-from numpy.typing import NDArray
 
 from companion.kernel import wire
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.clock import WallClock, wall_s
 from companion.kernel.errors import PlanError, SimulatorError
-from companion.kernel.frames import Vector3, matrix_from_euler
 from companion.kernel.messages import MocapPose, StereoFrame
-from sitl.airframe import AirframeState
 from sitl.mavlink.server import MavlinkServer
 
 logger = logging.getLogger(__name__)
@@ -41,12 +37,6 @@ class SteppedWorld(Protocol):
     def time_s(self) -> float: ...
 
     @property
-    def stamp_ns(self) -> int: ...
-
-    @property
-    def truth(self) -> AirframeState: ...
-
-    @property
     def crashed(self) -> str | None: ...
 
     @property
@@ -55,12 +45,10 @@ class SteppedWorld(Protocol):
     def step(self) -> None: ...
 
 
-class RenderedCamera(Protocol):
-    """Renders what the pair sees from a pose of the body in the room."""
+class ExposedCamera(Protocol):
+    """Renders what the pair sees now."""
 
-    def render(
-        self, position_ned_m: Vector3, ned_from_frd: NDArray[np.float64], stamp_ns: int
-    ) -> StereoFrame: ...
+    def expose(self) -> StereoFrame: ...
 
 
 class CameraServer:
@@ -104,7 +92,7 @@ class RealTimeServer:
     def __init__(
         self,
         world: SteppedWorld,
-        camera: RenderedCamera,
+        camera: ExposedCamera,
         mavlink: MavlinkServer,
         frames: CameraServer,
         camera_rate_hz: float,
@@ -117,11 +105,11 @@ class RealTimeServer:
         self._frame_period_s = 1.0 / camera_rate_hz
         self._frame_due_s = world.time_s + self._frame_period_s
         self._clock = clock
-        self._warned = False
+        self._warned = self._reported_crash = False
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Until ``stopped()``; it is asked every few milliseconds."""
-        self._expose()  # compiles what is compiled at first use, before time begins
+        self._camera.expose()  # compiles what is compiled at first use, before time begins
         links = [channel.link for channel in self._mavlink.channels]
         self._begin_s = wall_s()
         self._ahead_s = self._world.time_s - self._clock.now_s()
@@ -147,14 +135,15 @@ class RealTimeServer:
         self._mavlink.update(time_s)
         if time_s >= self._frame_due_s - 1e-6:
             self._frame_due_s += self._frame_period_s
-            frame = self._expose()
+            frame = self._camera.expose()
             self._frames.publish_truth(self._world.mocap)
             self._frames.publish_frame(frame)
+            self._report_crash()
 
-    def _expose(self) -> StereoFrame:
-        truth = self._world.truth
-        pose = matrix_from_euler(*truth.euler_rad)
-        return self._camera.render(truth.position_ned_m, pose, self._world.stamp_ns)
+    def _report_crash(self) -> None:
+        if self._world.crashed is not None and not self._reported_crash:
+            self._reported_crash = True
+            logger.warning("crashed: %s", self._world.crashed)
 
     def _give_up_lag(self) -> None:
         lag_s = (self._target_s() - self._world.time_s) / self._clock.speed

@@ -6,6 +6,7 @@ from msgspec import Meta
 
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
+from sitl.arena.camera import CameraSettings
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
@@ -50,3 +51,4 @@ class SitlSettings(Settings, frozen=True):
     wind_ned_m_s: Vector3 = (0.0, 0.0, 0.0)
     estimator: EstimatorSettings = EstimatorSettings()
     battery: BatterySettings = BatterySettings()
+    camera: CameraSettings = CameraSettings()

@@ -26,7 +26,9 @@ _log = logging.getLogger(__name__)
 
 MOCAP_HZ: Final = 100
 _MOCAP_KEPT: Final = 600 * MOCAP_HZ  # poses that wait for a reader; then the oldest go
-_NEAR_M: Final = 0.15  # closer than this, contact is looked for at every step of the physics
+# Contact is looked for at every step of the physics when the hull is closer to the room than this,
+# or the feet to the floor in a fall.
+_NEAR_M: Final = 0.15
 _FLOOR: Final[Vector3] = (0.0, 0.0, -1.0)
 _FLOOR_CONTACT_M: Final = 0.002  # height of the feet; a loaded foot gives way by as much
 
@@ -72,7 +74,7 @@ class World:
         )
         self.mocap: deque[MocapPose] = deque(maxlen=_MOCAP_KEPT)
         self._walls, self._floor = ContactCounter(), ContactCounter()
-        self._pushed = False
+        self._pushed = self._near = False
         self.clearance_m = self._clearance()[0]
         self.minimum_clearance_m = math.inf
         """Smallest distance between hull and room in flight so far."""
@@ -129,7 +131,7 @@ class World:
         if ticks % self._control_every == 0:
             self._control()
         capture = ticks % self._mocap_every == 0
-        if capture or self.clearance_m < _NEAR_M:
+        if capture or self._near:
             self._touch()
         if capture:
             self._capture()
@@ -152,17 +154,20 @@ class World:
         """Pushes the hull out of what it has run into, and counts contacts in flight."""
         state = self._read()
         self.clearance_m, normal = self._clearance()
+        feet_m = -state.position_ned_m[2] - _FLOOR_CONTACT_M
+        falling = state.velocity_ned_m_s[2] > CRASH_SPEED_M_S
+        self._near = self.clearance_m < _NEAR_M or (falling and feet_m < _NEAR_M)
         if self.clearance_m < 0.0 or self._pushed:
             self._pushed = self.clearance_m < 0.0
             self._airframe.push(push_ned_n(self.clearance_m, normal, state.velocity_ned_m_s))
-        if self.crashed is None and self.autopilot.airborne:
-            self.minimum_clearance_m = min(self.minimum_clearance_m, self.clearance_m)
-            self._count(self._walls, self.clearance_m, normal, "the room")
-            self._touch_floor(state)
+        if self.crashed is None:
+            if self.autopilot.airborne:
+                self.minimum_clearance_m = min(self.minimum_clearance_m, self.clearance_m)
+                self._count(self._walls, self.clearance_m, normal, "the room")
+            self._touch_floor(feet_m)
 
-    def _touch_floor(self, state: AirframeState) -> None:
+    def _touch_floor(self, feet_m: float) -> None:
         """The floor is where take-off and landing happen; elsewhere it is an obstacle like any."""
-        feet_m = -state.position_ned_m[2] - _FLOOR_CONTACT_M
         if self.autopilot.landed_state is LandedState.IN_AIR:
             self._count(self._floor, feet_m, _FLOOR, "the floor")
         elif feet_m <= 0.0:

@@ -32,8 +32,10 @@ class KNNModel(NamedTuple):
     def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Floats, Floats]: ...
     def predict(self, X: ArrayLike, return_std: bool = False) -> Floats | tuple[Floats, Floats]:
         """Mean of the k nearest targets, and their standard deviation (NaN for one neighbour)."""
+        # The kernel is compiled for writable arrays; what is read-only already gets copied.
         queries = np.require(X, np.float32, ("C", "W"))
-        mean, std = _query(self.tiles, self.targets, self.n_samples, self.k, queries)
+        tiles, targets = np.require(self.tiles, None, "W"), np.require(self.targets, None, "W")
+        mean, std = _query(tiles, targets, self.n_samples, self.k, queries)
         return (mean, std) if return_std else mean
 
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from companion.kernel.errors import PlanError
 from sitl.arena.paint import Image, Sheet
-from sitl.arena.room import BoxSettings, CylinderSettings, Room, SurfaceSettings
+from sitl.arena.room import BoxSettings, CylinderSettings, PosterSettings, Room, SurfaceSettings
 from sitl.arena.textures import paint_texture
 
-Material = SurfaceSettings | BoxSettings | CylinderSettings
+Material = SurfaceSettings | PosterSettings | BoxSettings | CylinderSettings
 
 LEVELS = 14
 """Each level has 1/sqrt(2) the texels per metre of the one before: too fine a ladder to see."""
@@ -202,7 +202,9 @@ def _paint(room: Room, surface: _Face | _Mantle) -> Image:
     return image
 
 
-def _material(room: Room, key: str, material, size_m: tuple[float, float], mirrored: bool) -> Image:
+def _material(
+    room: Room, key: str, material: Material, size_m: tuple[float, float], mirrored: bool
+) -> Image:
     """Each thing is painted from the room's seed and its own key: others do not change it."""
     texel_m = room.settings.texel_m
     columns, rows = (max(1, round(side_m / texel_m)) for side_m in size_m)

@@ -74,9 +74,7 @@ def _enlarged(field: Image, shape: tuple[int, ...], step_u: float, step_v: float
     return cv2.warpAffine(field, place, size, flags=flags, borderMode=cv2.BORDER_REFLECT)
 
 
-def polygon(
-    image: Image, sheet: Sheet, corners_m: NDArray[np.float64], reflectance: float
-) -> None:
+def polygon(image: Image, sheet: Sheet, corners_m: NDArray[np.float64], reflectance: float) -> None:
     """Paints a filled convex polygon with smooth edges; corners_m: (n, 2) of (u, v)."""
     _fill(image, corners_m / sheet.texel_m, reflectance)
 

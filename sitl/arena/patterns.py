@@ -58,7 +58,7 @@ def carpet(sheet: Sheet, rng: np.random.Generator) -> Image:
     rows, columns = -(-sheet.rows // 2), -(-sheet.columns // 2)
     quarter = Sheet(rows, columns, sheet.texel_m)
     ornament = noise(quarter, rng, 0.5, 0.08)
-    levels = np.array([0.12, 0.55, 0.25, 0.75, 0.38], np.float32)
+    levels = np.array([0.16, 0.46, 0.24, 0.6, 0.34], np.float32)
     image = mirrored(in_steps(ornament, levels), sheet.rows, sheet.columns)
     for inset_m, reflectance in ((0.0, 0.2), (0.03, 0.7), (0.06, 0.3), (0.16, 0.65)):
         _border(image, sheet, inset_m, reflectance)
@@ -135,14 +135,17 @@ def concrete(sheet: Sheet, rng: np.random.Generator) -> Image:
 
 
 def wood(sheet: Sheet, rng: np.random.Generator) -> Image:
-    """Furniture: planks of 0.14 m with growth rings."""
+    """Furniture and panelling: planks of 9-20 cm with growth rings."""
     rings = noise(sheet, rng, 0.10, 0.02, stretch=10.0)
     image = 0.40 + 0.07 * np.sin(2.5 * rings).astype(np.float32)
     image += 0.025 * noise(sheet, rng, FINE_M)
-    for u in np.arange(0.0, sheet.width_m, 0.14):
-        end = round((u + 0.14) / sheet.texel_m)
-        image[:, round(u / sheet.texel_m) : end] += rng.normal(0, 0.04)
+    u = 0.0
+    while u < sheet.width_m:
+        plank_m = rng.uniform(0.09, 0.2)
+        columns = slice(round(u / sheet.texel_m), round((u + plank_m) / sheet.texel_m))
+        image[:, columns] += rng.normal(0, 0.05)
         rectangle(image, sheet, (u, 0.0), (0.004, sheet.height_m), 0.15)
+        u += plank_m
     return image
 
 

@@ -9,14 +9,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from sitl.arena.atlas import CYLINDER_FACES, FACES, Atlas
+from sitl.arena.jit import kernel
 from sitl.arena.room import Room
 
-# NumPy's division: the check for zero would keep loops from becoming vector instructions.
-JIT = {"cache": True, "fastmath": True, "nogil": True, "error_model": "numpy"}
 TILE_PX = 16
 PIXELS = TILE_PX * TILE_PX
 NEAREST_M = 1e-3
@@ -112,20 +110,20 @@ def build_eye(rays: Floats, focal_px: float) -> Eye:
     return Eye(height, width, np.ascontiguousarray(tiles), cones, np.float32(1.0 / focal_px))
 
 
-@njit(**JIT)
-def new_tile():
+@kernel
+def new_tile() -> Tile:
     floats = np.empty((4, PIXELS), np.float32)
     return Tile(floats[0], floats[1], floats[2], floats[3], np.empty(PIXELS, np.int32))
 
 
-@njit(**JIT)
-def hit_tile(scene, eye, index, pose, found, tile):
+@kernel
+def hit_tile(scene: Scene, eye: Eye, index: int, pose: Pose, found: Whole, tile: Tile) -> None:
     """Fills ``tile`` with what the rays of the eye's tile ``index`` meet first."""
     position = pose.position
     _aim(eye.rays[index], pose.ned_from_cam[0], tile.dx)
     _aim(eye.rays[index], pose.ned_from_cam[1], tile.dy)
     _aim(eye.rays[index], pose.ned_from_cam[2], tile.dz)
-    _hit_room(scene.blocks[0], position, tile.dx, tile.dy, tile.dz, tile.depth, tile.surface)
+    _hit_room(scene.blocks[0], position, tile)
     count = _near_objects(scene.spheres, eye.cones[index], pose, found)
     boxes = scene.blocks.shape[0] - 1
     for index in found[:count]:
@@ -136,8 +134,8 @@ def hit_tile(scene, eye, index, pose, found, tile):
             _hit_cylinder(scene.cylinders[index - boxes], first_surface, position, tile)
 
 
-@njit(**JIT)
-def _aim(rays, row, component):
+@kernel
+def _aim(rays: Floats, row: Floats, component: Floats) -> None:
     """One NED component of every ray's direction."""
     x, y = rays[0], rays[1]
     a, b, c = row[0], row[1], row[2]
@@ -145,8 +143,8 @@ def _aim(rays, row, component):
         component[p] = a * x[p] + b * y[p] + c
 
 
-@njit(**JIT)
-def _near_objects(spheres, cone, pose, found):
+@kernel
+def _near_objects(spheres: Floats, cone: Floats, pose: Pose, found: Whole) -> int:
     """Writes the objects whose ball touches the tile's cone into ``found``; returns how many."""
     position, r = pose.position, pose.ned_from_cam
     a = r[0, 0] * cone[0] + r[0, 1] * cone[1] + r[0, 2] * cone[2]
@@ -166,9 +164,10 @@ def _near_objects(spheres, cone, pose, found):
     return count
 
 
-@njit(**JIT)
-def _hit_room(bounds, position, dx, dy, dz, depth, surface):
+@kernel
+def _hit_room(bounds: Floats, position: Floats, tile: Tile) -> None:
     """Where each ray leaves the room."""
+    dx, dy, dz, depth, surface = tile.dx, tile.dy, tile.dz, tile.depth, tile.surface
     north, south = bounds[3] - position[0], bounds[0] - position[0]
     east, west = bounds[4] - position[1], bounds[1] - position[1]
     floor, ceiling = bounds[5] - position[2], bounds[2] - position[2]
@@ -183,8 +182,8 @@ def _hit_room(bounds, position, dx, dy, dz, depth, surface):
         surface[p] = side_x if x == first else (side_y if y == first else side_z)
 
 
-@njit(**JIT)
-def _hit_box(blocks, index, position, tile):
+@kernel
+def _hit_box(blocks: Floats, index: int, position: Floats, tile: Tile) -> None:
     """Overwrites what is farther than the box; a box is not seen from inside."""
     dx, dy, dz, depth, surface = tile.dx, tile.dy, tile.dz, tile.depth, tile.surface
     south, north = blocks[index, 0] - position[0], blocks[index, 3] - position[0]
@@ -206,8 +205,8 @@ def _hit_box(blocks, index, position, tile):
         surface[p] = first_surface + side if hit else surface[p]
 
 
-@njit(**JIT)
-def _hit_cylinder(cylinder, first_surface, position, tile):
+@kernel
+def _hit_cylinder(cylinder: Floats, first_surface: int, position: Floats, tile: Tile) -> None:
     """Overwrites what is farther than the cylinder: bottom, top, then mantle."""
     dx, dy, dz, depth, surface = tile.dx, tile.dy, tile.dz, tile.depth, tile.surface
     x, y, radius = position[0] - cylinder[0], position[1] - cylinder[1], cylinder[2]
@@ -228,8 +227,8 @@ def _hit_cylinder(cylinder, first_surface, position, tile):
         surface[p] = first_surface + part if hit else surface[p]
 
 
-@njit(**JIT)
-def render_depth(scene, eye, pose, depth_m):
+@kernel
+def render_depth(scene: Scene, eye: Eye, pose: Pose, depth_m: Floats) -> None:
     """Writes the depth of every pixel into ``depth_m``, float32 (height, width)."""
     tile = new_tile()
     found = np.empty(scene.spheres.shape[0] + 1, np.int32)

@@ -23,7 +23,7 @@ Norm = Annotated[float, Meta(ge=0.0, le=1.0)]
 SurfaceName = Literal["north", "east", "south", "west", "floor", "ceiling"]
 
 
-class SurfaceSettings(Settings):
+class SurfaceSettings(Settings, frozen=True):
     """``texture`` is a pattern, a PNG beside the room file, or ``photo:NAME``."""
 
     texture: str = "plywood_tape"
@@ -33,7 +33,7 @@ class SurfaceSettings(Settings):
     """Width of one copy of a picture; without it the picture is stretched over the surface."""
 
 
-class SurfacesSettings(Settings):
+class SurfacesSettings(Settings, frozen=True):
     north: SurfaceSettings = SurfaceSettings()
     east: SurfaceSettings = SurfaceSettings()
     south: SurfaceSettings = SurfaceSettings()
@@ -42,7 +42,7 @@ class SurfacesSettings(Settings):
     ceiling: SurfaceSettings = SurfaceSettings(texture="paint")
 
 
-class PosterSettings(Settings):
+class PosterSettings(Settings, frozen=True):
     """Something flat on a wall, the floor or the ceiling: posters, doors, windows, carpets."""
 
     wall: SurfaceName
@@ -55,7 +55,7 @@ class PosterSettings(Settings):
     illumination: Positive = 1.0
 
 
-class BoxSettings(Settings):
+class BoxSettings(Settings, frozen=True):
     """A block whose sides are parallel to the walls; sizes along north, east, height."""
 
     centre_m: Vector3
@@ -64,7 +64,7 @@ class BoxSettings(Settings):
     illumination: Positive = 1.0
 
 
-class CylinderSettings(Settings):
+class CylinderSettings(Settings, frozen=True):
     """An upright pillar; ``bottom_m`` is the height of its foot above the floor."""
 
     centre_m: tuple[float, float]
@@ -75,14 +75,14 @@ class CylinderSettings(Settings):
     illumination: Positive = 1.0
 
 
-class StartSettings(Settings):
+class StartSettings(Settings, frozen=True):
     """Where the vehicle stands before take-off, on the floor."""
 
     position_m: tuple[float, float] = (0.0, 0.0)
     yaw_deg: float = 0.0
 
 
-class LightSettings(Settings):
+class LightSettings(Settings, frozen=True):
     """One lamp whose light falls off with distance and slant, and light from everywhere."""
 
     lamp_m: Vector3 | None = None
@@ -91,7 +91,7 @@ class LightSettings(Settings):
     """Share of the light that does not come from the lamp."""
 
 
-class RoomSettings(Settings):
+class RoomSettings(Settings, frozen=True):
     size_m: tuple[Positive, Positive, Positive]
     seed: Annotated[int, Meta(ge=0)] = 1
     """Of everything painted in this room; the same seed paints the same room."""

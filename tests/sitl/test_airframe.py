@@ -140,7 +140,7 @@ def test_position_is_the_integral_of_velocity_to_a_millimetre_over_ten_metres(ho
     start = hovering.read()
     north, east, down = start.position_ned_m
     before = start
-    for state in fly(hovering, 0.05, -0.15, 0.0, 5.0):
+    for state in fly(hovering, 0.05, -0.15, 0.0, 6.0):
         mean = [
             (a + b) / 2 / HZ
             for a, b in zip(before.velocity_ned_m_s, state.velocity_ned_m_s, strict=True)

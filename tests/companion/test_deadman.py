@@ -1,0 +1,158 @@
+"""The deadman's stages, by the clock; and that a blocked event loop cannot stop it."""
+
+import asyncio
+import threading
+from pathlib import Path
+
+import pytest
+
+from companion.kernel.clock import SimClock, WallClock, wall_s
+from companion.kernel.errors import LinkError, VehicleError
+from companion.kernel.messages import FlightMode, Setpoint, SimulationRequest
+from companion.vehicle.deadman import Deadman, DeadmanSettings, Stage
+from companion.vehicle.mavsdk_vehicle import MavsdkSettings, MavsdkVehicle
+from sitl.process import launch
+
+ROOM = Path(__file__).parents[2] / "flightplans" / "rooms" / "room1.toml"
+QUICK = DeadmanSettings(stop_after_s=0.5, hold_after_s=0.15, land_after_s=0.3)
+PATIENT = DeadmanSettings(stop_after_s=0.5, hold_after_s=60.0, land_after_s=90.0)
+LIMIT_S = 5.0
+
+
+class Actions:
+    """Remembers what was asked, and lets the test wait for it."""
+
+    def __init__(self, error=None):
+        self.asked = []
+        self._changed = threading.Condition()
+        self._error = error
+
+    def _ask(self, name):
+        with self._changed:
+            self.asked.append(name)
+            self._changed.notify_all()
+        if self._error is not None:
+            raise self._error
+
+    def stop(self):
+        self._ask("stop")
+
+    def hold(self):
+        self._ask("hold")
+
+    def land(self):
+        self._ask("land")
+
+    def wait_for(self, *names):
+        with self._changed:
+            assert self._changed.wait_for(lambda: self.asked == list(names), LIMIT_S), self.asked
+
+
+@pytest.fixture
+def watched():
+    """Makes open deadmen and closes them after the test."""
+    opened = []
+
+    def make(settings, error=None):
+        actions, clock = Actions(error), SimClock()
+        deadman = Deadman(actions, clock, settings)
+        deadman.open()
+        opened.append(deadman)
+        return deadman, actions, clock
+
+    yield make
+    for deadman in opened:
+        deadman.close()
+    assert not [t for t in threading.enumerate() if t.name == "deadman"]
+
+
+def test_it_rests_until_it_is_fed(watched):
+    deadman, actions, clock = watched(QUICK)
+    clock.time_s = 100.0
+    threading.Event().wait(0.05)
+    assert (deadman.stage, actions.asked) == (Stage.RESTING, [])
+
+
+def test_silence_stops_holds_and_lands_once_each(watched):
+    deadman, actions, clock = watched(QUICK)
+    deadman.feed()
+    clock.time_s = 0.6
+    actions.wait_for("stop", "hold", "land")
+    assert deadman.stage is Stage.LANDING
+
+
+def test_the_vehicles_own_time_decides_about_stopping(watched):
+    deadman, actions, clock = watched(QUICK)
+    deadman.feed()
+    threading.Event().wait(0.1)
+    assert actions.asked == []
+    clock.time_s = 0.51
+    actions.wait_for("stop", "hold", "land")
+
+
+def test_feeding_after_a_stop_goes_on(watched):
+    deadman, actions, clock = watched(PATIENT)
+    deadman.feed()
+    clock.time_s = 0.6
+    actions.wait_for("stop")
+    deadman.feed()
+    assert deadman.stage is Stage.WATCHING
+    clock.time_s = 1.2
+    actions.wait_for("stop", "stop")
+
+
+def test_it_goes_on_when_an_action_fails(watched):
+    deadman, actions, clock = watched(QUICK, LinkError("gone"))
+    deadman.feed()
+    clock.time_s = 0.6
+    actions.wait_for("stop", "hold", "land")
+
+
+def test_resting_ends_the_watch(watched):
+    deadman, actions, clock = watched(QUICK)
+    deadman.feed()
+    deadman.rest()
+    clock.time_s = 100.0
+    threading.Event().wait(0.05)
+    assert actions.asked == []
+
+
+def test_a_blocked_event_loop_stops_the_vehicle_and_lands_it(tmp_path):
+    speed = 10.0
+    request = SimulationRequest(
+        room=str(ROOM), seed=1, speed=speed, camera_rate_hz=10.0, log_dir=str(tmp_path)
+    )
+    settings = MavsdkSettings(
+        deadman=DeadmanSettings(stop_after_s=1.0, hold_after_s=0.5, land_after_s=0.8)
+    )
+
+    async def run():
+        async with launch(request) as endpoints:
+            clock = WallClock(speed)
+            async with MavsdkVehicle(endpoints.mavlink_url, clock, settings) as vehicle:
+                await vehicle.take_off(1.0)
+                await vehicle.start_offboard(Setpoint(stamp_ns=0))
+                ahead = Setpoint(stamp_ns=0, velocity_hfrd_m_s=(0.3, 0.0, 0.0))
+                for _ in range(20):
+                    await vehicle.send(ahead)
+                    await clock.sleep(0.1)
+                assert vehicle.telemetry().velocity_ned_m_s[0] != pytest.approx(0.0, abs=0.1)
+                block_the_event_loop(0.45)
+                stopped = vehicle.telemetry()
+                assert stopped.flight_mode is FlightMode.OFFBOARD
+                assert stopped.velocity_ned_m_s == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
+                block_the_event_loop(1.0)
+                assert vehicle.telemetry().flight_mode is FlightMode.LAND
+                with pytest.raises(VehicleError, match="the deadman is LANDING"):
+                    await vehicle.send(ahead)
+                await vehicle.land()
+                assert not vehicle.telemetry().armed
+
+    asyncio.run(run())
+
+
+def block_the_event_loop(duration_s):
+    """As code that computes for too long would; other threads get their turns."""
+    end_s = wall_s() + duration_s
+    while wall_s() < end_s:
+        pass

@@ -1,0 +1,153 @@
+"""MAVSDK against the simulated autopilot in its own process, over real UDP."""
+
+import asyncio
+import itertools
+import math
+import socket
+import sys
+from asyncio.subprocess import PIPE
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from companion.camera.remote import RemoteCamera
+from companion.kernel.clock import WallClock, wall_s
+from companion.kernel.errors import LinkError, VehicleError
+from companion.kernel.messages import FlightMode, LandedState, Setpoint, SimulationRequest
+from companion.vehicle.mavsdk_vehicle import MavsdkSettings, MavsdkVehicle
+from sitl.process import launch
+
+ROOM = Path(__file__).parents[2] / "flightplans" / "rooms" / "room1.toml"
+SPEED = 10.0
+
+
+def request(tmp_path, **changes):
+    fields = {"room": str(ROOM), "seed": 1, "speed": SPEED, "camera_rate_hz": 10.0}
+    return SimulationRequest(**{**fields, "log_dir": str(tmp_path), **changes})
+
+
+@asynccontextmanager
+async def flying_machine(tmp_path, settings=None, **changes):
+    """An open vehicle, its clock and where the simulator is."""
+    async with launch(request(tmp_path, **changes)) as endpoints:
+        clock = WallClock(SPEED)
+        async with MavsdkVehicle(endpoints.mavlink_url, clock, settings) as vehicle:
+            yield vehicle, clock, endpoints
+
+
+async def fly(vehicle, clock, duration_s, **setpoint):
+    end_ns = vehicle.telemetry().stamp_ns + round(duration_s * 1e9)
+    while vehicle.telemetry().stamp_ns < end_ns:
+        await vehicle.send(Setpoint(stamp_ns=vehicle.telemetry().stamp_ns, **setpoint))
+        await clock.sleep(0.1)
+
+
+def test_a_whole_flight(tmp_path):
+    async def run():
+        async with flying_machine(tmp_path) as (vehicle, clock, _):
+            await vehicle.take_off(1.2)
+            up = vehicle.telemetry()
+            assert -up.position_ned_m[2] == pytest.approx(1.2, abs=0.3)
+            assert (up.flight_mode, up.landed_state) == (FlightMode.HOLD, LandedState.IN_AIR)
+            assert up.armed
+            assert 0.5 < up.battery_norm <= 1.0
+
+            await vehicle.start_offboard(Setpoint(stamp_ns=up.stamp_ns))
+            await fly(vehicle, clock, 3.0, velocity_hfrd_m_s=(0.4, 0.0, 0.0))
+            ahead = vehicle.telemetry()
+            north_m_s, east_m_s, _ = ahead.velocity_ned_m_s
+            assert math.hypot(north_m_s, east_m_s) == pytest.approx(0.4, abs=0.1)
+            assert math.atan2(east_m_s, north_m_s) == pytest.approx(ahead.yaw_rad, abs=0.3)
+
+            await fly(vehicle, clock, 3.0, yaw_rate_rad_s=0.5)
+            turning = vehicle.telemetry()
+            assert turning.yaw_rate_rad_s == pytest.approx(0.5, abs=0.1)
+            assert math.remainder(turning.yaw_rad - ahead.yaw_rad, math.tau) > 0.8
+
+            await vehicle.hold()
+            assert vehicle.telemetry().flight_mode is FlightMode.HOLD
+            await vehicle.land()
+            down = vehicle.telemetry()
+            assert (down.armed, down.landed_state) == (False, LandedState.ON_GROUND)
+            assert down.position_ned_m[2] == pytest.approx(0.0, abs=0.2)
+            await vehicle.land()  # nothing to do on the ground
+
+    asyncio.run(run())
+    assert (tmp_path / "flight.tlog").stat().st_size > 100_000
+
+
+def test_a_refusal_says_what_was_refused(tmp_path):
+    settings = MavsdkSettings(ready_limit_s=1.0, mode_limit_s=2.0)
+    never_ready = {"estimator": {"ready_after_s": 1e6}}
+
+    async def run():
+        async with flying_machine(tmp_path, settings, settings=never_ready) as (vehicle, _, _):
+            await vehicle.take_off(1.0)
+
+    expected = r"^arm: refused by the autopilot \(command denied\); not ready: .*pre-arm checks"
+    with pytest.raises(VehicleError, match=expected):
+        asyncio.run(run())
+
+
+def test_a_killed_simulator_is_a_lost_link():
+    url = "udpout://127.0.0.1:14997"
+    words = [sys.executable, "-m", "sitl", "run", str(ROOM), "--mavlink", url]
+    words += ["--camera", "tcp://127.0.0.1:0", "--speed", str(SPEED)]
+
+    async def run():
+        process = await asyncio.create_subprocess_exec(*words, stdout=PIPE)
+        assert b"ready" in await process.stdout.readline()
+        clock, settings = WallClock(SPEED), MavsdkSettings(silence_limit_s=0.5)
+        async with MavsdkVehicle("udpin://127.0.0.1:14997", clock, settings) as vehicle:
+            await vehicle.take_off(1.0)
+            process.kill()
+            await process.wait()
+            await fly(vehicle, clock, 60.0)
+
+    with pytest.raises(LinkError, match=r"14997: nothing from the autopilot for 0\.\d s$"):
+        asyncio.run(run())
+
+
+def test_no_autopilot_is_said_in_one_line():
+    async def run():
+        settings = MavsdkSettings(heartbeat_limit_s=0.3)
+        async with MavsdkVehicle("udpin://127.0.0.1:14998", WallClock(), settings):
+            pass
+
+    began_s = wall_s()
+    expected = r"^udpin://127.0.0.1:14998: no autopilot heartbeat within 0.3 s$"
+    with pytest.raises(LinkError, match=expected):
+        asyncio.run(run())
+    assert wall_s() - began_s < 2.0
+
+
+def test_a_busy_port_is_said_in_one_line():
+    async def run(url):
+        async with MavsdkVehicle(url, WallClock()):
+            pass
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        url = "udpin://{}:{}".format(*taken.getsockname())
+        with pytest.raises(LinkError, match=r"^udpin://.*: cannot be opened: the port is in use$"):
+            asyncio.run(run(url))
+
+
+def test_frames_arrive_beside_telemetry(tmp_path):
+    async def run():
+        async with (
+            flying_machine(tmp_path) as (vehicle, _, endpoints),
+            RemoteCamera(endpoints.camera_url) as camera,
+        ):
+            stamps = []
+            async for frame in camera.frames():
+                stamps.append(frame.stamp_ns)
+                if len(stamps) == 20:
+                    break
+            assert frame.left.shape == (camera.calibration.height_px, 128)
+            assert min(b - a for a, b in itertools.pairwise(stamps)) == pytest.approx(1e8)
+            assert len(camera.drain()) >= 180
+            assert vehicle.telemetry().stamp_ns == pytest.approx(stamps[-1], abs=1.5e9)
+
+    asyncio.run(run())
