@@ -16,7 +16,7 @@ from companion.kernel.settings import Settings
 Positive = Annotated[float, Meta(gt=0)]
 
 
-class BehaviourSettings(Settings):
+class BehaviourSettings(Settings, frozen=True):
     """``[behaviour]``: thresholds on λ and the way the vehicle moves."""
 
     turn_threshold_px: Positive = 4.0

@@ -111,13 +111,16 @@ def learn(
     A recording is a folder in the EuRoC/ASL layout or a flight.mcap with images.
     """
     loaded = load_plan(plan, settings or ())
+    folder = plan.parent if plan else Path()
     positive_px = positive_threshold or loaded.behaviour.turn_threshold_px
     if train or test:
         if recordings or not (train and test):
             raise PlanError("give recordings to learn from in order, or both --train and --test")
-        report = run_train_test(open_recordings(train), open_recordings(test), loaded, positive_px)
+        report = run_train_test(
+            open_recordings(train), open_recordings(test), loaded, positive_px, folder
+        )
     elif recordings:
-        report = run_prequential(open_recordings(recordings), loaded, positive_px)
+        report = run_prequential(open_recordings(recordings), loaded, positive_px, folder)
     else:
         raise PlanError("no recording given; see companion learn --help")
     print_learning(Console(), report)

@@ -55,10 +55,10 @@ class LearningReport(msgspec.Struct, frozen=True, kw_only=True):
 class Session:
     """A learner going through recordings; remembers (estimate, λ) of every frame it scored."""
 
-    def __init__(self, plan: LearningPlan) -> None:
+    def __init__(self, plan: LearningPlan, folder: Path = Path()) -> None:
         self._plan = plan
-        dictionary_path = plan.learner.dictionary
-        dictionary = load_dictionary(Path(dictionary_path)) if dictionary_path else None
+        path = plan.learner.dictionary
+        dictionary = load_dictionary(folder / path) if path else None
         self.learner = Learner(plan.learner, np.random.default_rng(plan.seed), dictionary)
         self.n_frames = 0
         self.n_train = 0
@@ -123,13 +123,17 @@ class Session:
 
 
 def run_prequential(
-    recordings: Sequence[Recording], plan: LearningPlan, positive_threshold_px: float
+    recordings: Sequence[Recording],
+    plan: LearningPlan,
+    positive_threshold_px: float,
+    folder: Path = Path(),
 ) -> LearningReport:
     """Goes through the recordings once, in the order given, learning all the way.
 
-    With a threshold from the ROC, it is the one that the whole run would have chosen.
+    With a threshold from the ROC, it is the one that the whole run would have chosen. A relative
+    ``learner.dictionary`` lies in ``folder``.
     """
-    session = Session(plan)
+    session = Session(plan, folder)
     session.run(recordings)
     return session.report(positive_threshold_px, session.threshold_px(positive_threshold_px))
 
@@ -139,9 +143,10 @@ def run_train_test(
     test: Sequence[Recording],
     plan: LearningPlan,
     positive_threshold_px: float,
+    folder: Path = Path(),
 ) -> LearningReport:
-    """Learns on ``train``, freezes, and reports on ``test`` alone."""
-    session = Session(plan)
+    """Learns on ``train``, freezes, and reports on ``test`` alone; ``folder`` as above."""
+    session = Session(plan, folder)
     session.run(train)
     threshold_px = session.threshold_px(positive_threshold_px)
     session.learner.freeze()

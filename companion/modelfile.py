@@ -62,7 +62,7 @@ def load_dictionary(path: Path) -> TextonDictionary:
 
 def _read(path: Path) -> tuple[StereoCalibration, LearnerState]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         text = arrays.pop(_HEADER).tobytes()
         version = json.loads(text)["version"]

@@ -12,7 +12,7 @@ from companion.kernel.settings import Settings
 Gain = Annotated[float, Meta(gt=0, le=10)]
 
 
-class PilotSettings(Settings):
+class PilotSettings(Settings, frozen=True):
     """``[pilot]``: gains of the outer loops."""
 
     heading_gain_per_s: Gain = 1.5

@@ -17,20 +17,20 @@ from companion.stereo import StereoSettings
 from companion.switch import ExperimentSettings
 
 
-class CameraSettings(Settings):
+class CameraSettings(Settings, frozen=True):
     """``[camera]``: how often the stereo pair is exposed."""
 
     rate_hz: Annotated[float, Meta(ge=1, le=120)] = 10.0
 
 
-class LogSettings(Settings):
+class LogSettings(Settings, frozen=True):
     """``[log]``: what goes into flight.mcap beside the decisions."""
 
     images: Literal["off", "stereo"] = "off"
     """``stereo`` logs both eyes, about 150 MB for ten minutes at 10 Hz."""
 
 
-class Plan(Settings):
+class Plan(Settings, frozen=True):
     """The whole plan; every table is optional but ``room`` is needed to fly in a simulator."""
 
     room: str = ""

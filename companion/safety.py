@@ -13,7 +13,7 @@ from companion.kernel.settings import Settings
 Positive = Annotated[float, Meta(gt=0)]
 
 
-class SafetySettings(Settings):
+class SafetySettings(Settings, frozen=True):
     """``[safety]``: no setpoint leaves the companion outside of these."""
 
     max_speed_m_s: Annotated[float, Meta(gt=0, le=5)] = 1.0

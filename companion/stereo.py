@@ -30,6 +30,10 @@ Label = Literal["mean", "quantile"]
 SUBPIXELS = 16
 """StereoBM counts disparity in sixteenths of a pixel."""
 
+BACK_AND_FORTH_PX = 1
+"""A match counts if matching back from the right image ends this near to where it began; that
+rejects most of what only one eye sees."""
+
 ALIGNED_PX = 0.05
 """Differences between the eyes below a sub-pixel step are not worth resampling for."""
 
@@ -41,7 +45,7 @@ class StereoSettings(Settings, frozen=True):
     """Search range from infinity on; the nearest depth seen is focal x baseline / this."""
     block_px: Annotated[int, Meta(ge=5, le=51)] = 15
     """Side of the matched block, odd."""
-    uniqueness_percent: Annotated[int, Meta(ge=0, le=100)] = 20
+    uniqueness_percent: Annotated[int, Meta(ge=0, le=100)] = 15
     """How much worse the second best match must be."""
     texture_threshold: Annotated[int, Meta(ge=0, le=100_000)] = 500
     """Least sum of horizontal gradients in a block; below it a match is a guess."""
@@ -77,7 +81,8 @@ class StereoMatcher:
         self.label = label
         self._rectify = _Rectifier(calibration)
         self._infinity_px = self._rectify.disparity_at_infinity_px
-        self._least_px = math.floor(self._infinity_px)
+        # One below infinity, so that the far end of the range has a neighbour to interpolate with.
+        self._least_px = math.floor(self._infinity_px) - 1
         half_block_px = settings.block_px // 2
         most_px = self._least_px + settings.disparities_px
         self._pad_left_px = max(most_px, 0) + half_block_px
@@ -144,6 +149,7 @@ class StereoMatcher:
         matcher.setMinDisparity(self._least_px)
         matcher.setUniquenessRatio(settings.uniqueness_percent)
         matcher.setTextureThreshold(settings.texture_threshold)
+        matcher.setDisp12MaxDiff(BACK_AND_FORTH_PX)
         return matcher
 
 
@@ -167,7 +173,7 @@ class _Rectifier:
         size = (calibration.width_px, calibration.height_px)
         eyes = [(_matrix(eye), np.array(eye.distortion)) for eye in _eyes(calibration)]
         right_from_left = np.array(calibration.right_from_left).reshape(3, 3)
-        shift_m = np.array([-calibration.baseline_m, 0.0, 0.0])
+        shift_m = np.array([[-calibration.baseline_m], [0.0], [0.0]])
         turn_left, turn_right, left, right, *_ = cv2.stereoRectify(
             *eyes[0], *eyes[1], size, right_from_left, shift_m, alpha=0.0
         )

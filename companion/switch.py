@@ -13,7 +13,7 @@ Scheme = Literal["pure_stereo", "cold_turkey", "dagger", "training_wheels"]
 Duration = Annotated[float, Meta(ge=0, le=86_400)]
 
 
-class ExperimentSettings(Settings):
+class ExperimentSettings(Settings, frozen=True):
     """``[experiment]``: who flies when (paper section V-A)."""
 
     scheme: Scheme = "training_wheels"

@@ -169,8 +169,9 @@ class LockstepVehicle(_Opened):
 
     def _accept(self, ack: Ack, what: str) -> None:
         if ack is not Ack.ACCEPTED:
-            texts = "; ".join(text.text for text in self._autopilot.drain_status_texts()[-3:])
-            raise VehicleError(f"{what}: {ack.name.lower()} by the autopilot ({texts or 'no text'})")
+            texts = [text.text for text in self._autopilot.drain_status_texts()]
+            why = "; ".join(texts[-3:]) or "no text"
+            raise VehicleError(f"{what}: {ack.name.lower()} by the autopilot ({why})")
 
     async def _run_until_mode(self, mode: FlightMode) -> None:
         await self._run_until(lambda: self._autopilot.status.mode is mode, MODE_LIMIT_S, mode.value)

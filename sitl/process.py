@@ -42,7 +42,7 @@ async def launch(request: SimulationRequest) -> AsyncIterator[Endpoints]:
 
     Raises SimulatorError when the process does not come up, or dies while it is needed.
     """
-    with _reserved_mavlink_port() as port:
+    with reserved_mavlink_port() as port:
         process = await _start(request, port)
         errors: deque[str] = deque(maxlen=KEPT_ERROR_LINES)
         relay = asyncio.create_task(_relay_errors(process, errors), name="sitl's stderr")
@@ -56,7 +56,7 @@ async def launch(request: SimulationRequest) -> AsyncIterator[Endpoints]:
 
 
 @contextmanager
-def _reserved_mavlink_port() -> Iterator[int]:
+def reserved_mavlink_port() -> Iterator[int]:
     """A UDP port that no other flight takes: the TCP port of the same number is the lock."""
     for port in MAVLINK_PORTS:
         with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as lock:
@@ -158,12 +158,14 @@ async def _watched(
     try:
         yield
     except asyncio.CancelledError:
-        if not watcher.done() or watcher.cancelled() or body.uncancel() > 0:
+        if not watcher.done() or body.uncancel() > 0:  # somebody else's wish, perhaps as well
             raise
         raise _death(process, errors, "died in flight") from None
     except CompanionError as error:
         if process.returncode is None:
             raise
+        if watcher.done():
+            body.uncancel()
         raise _death(process, errors, "died in flight") from error
     finally:
         watcher.cancel()

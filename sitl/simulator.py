@@ -57,16 +57,16 @@ class World:
         self._control_every = self.whole_steps(CONTROL_HZ, "control rate")
         self._mocap_every = self.whole_steps(MOCAP_HZ, "motion capture rate")
         self._surfaces = surfaces
-        self._airframe = Airframe(settings.airframe, settings.physics_hz, room.start_yaw_rad)
-        self._airframe.set_wind(settings.wind_ned_m_s)
+        self.airframe = Airframe(settings.airframe, settings.physics_hz, room.start_yaw_rad)
+        self.airframe.set_wind(settings.wind_ned_m_s)
         north_m, east_m, floor_m = room.start_position_ned_m
-        self.room_from_home_m: Vector3 = (north_m, east_m, floor_m - self._airframe.rest_height_m)
+        self.room_from_home_m: Vector3 = (north_m, east_m, floor_m - self.airframe.rest_height_m)
         self._ticks = self._read_ticks = 0
-        self._state = self._airframe.read()
+        self._state = self.airframe.read()
         self._captured_m = self._in_room(self._state.position_ned_m)
         self.autopilot = Autopilot(
             self._state,
-            self._airframe.hover_thrust_norm,
+            self.airframe.hover_thrust_norm,
             lambda: self.time_s,
             np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,))),
             settings.estimator,
@@ -135,18 +135,18 @@ class World:
             self._touch()
         if capture:
             self._capture()
-        self._airframe.step()
+        self.airframe.step()
         self._ticks = ticks + 1
 
     def _control(self) -> None:
         command = self.autopilot.update(self._read())
-        self._airframe.spin(command.spinning)
-        self._airframe.command(*command.attitude)
+        self.airframe.spin(command.spinning)
+        self.airframe.command(*command.attitude)
 
     def _read(self) -> AirframeState:
         """The state of this tick, in coordinates of home; read at most once."""
         if self._read_ticks != self._ticks:
-            self._state = self._airframe.read()
+            self._state = self.airframe.read()
             self._read_ticks = self._ticks
         return self._state
 
@@ -159,7 +159,7 @@ class World:
         self._near = self.clearance_m < _NEAR_M or (falling and feet_m < _NEAR_M)
         if self.clearance_m < 0.0 or self._pushed:
             self._pushed = self.clearance_m < 0.0
-            self._airframe.push(push_ned_n(self.clearance_m, normal, state.velocity_ned_m_s))
+            self.airframe.push(push_ned_n(self.clearance_m, normal, state.velocity_ned_m_s))
         if self.crashed is None:
             if self.autopilot.airborne:
                 self.minimum_clearance_m = min(self.minimum_clearance_m, self.clearance_m)

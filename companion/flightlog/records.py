@@ -106,6 +106,8 @@ class View(NamedTuple):
     suffix: str
     kind: type[msgspec.Struct]
     convert: Callable[[Any], msgspec.Struct]
+    period_ns: int
+    """No more than one view in this time: eyes need less than analysis."""
 
 
 def split_time(stamp_ns: int) -> Time:
@@ -130,8 +132,8 @@ def event_view(record: Event) -> LogLine:
 
 
 VIEWS: dict[type, View] = {
-    MocapPose: View("/pose", PoseInFrame, pose_view),
-    Event: View("/log", LogLine, event_view),
+    MocapPose: View("/pose", PoseInFrame, pose_view, 50_000_000),
+    Event: View("/log", LogLine, event_view, 0),
 }
 
 WELL_KNOWN: dict[type, str] = {

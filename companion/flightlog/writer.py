@@ -52,6 +52,7 @@ class FlightLogWriter:
         self._encoder = msgspec.json.Encoder(enc_hook=encodable)
         self._channels: dict[str, tuple[int, type, View | None]] = {}
         self._schemas: dict[type, int] = {}
+        self._view_due_ns: dict[str, int] = {}
         self._file: BinaryIO | None = None
         self._mcap: Any  # its finish and flush carry no types
         try:
@@ -96,10 +97,10 @@ class FlightLogWriter:
             if type(record) is not kind:
                 raise TypeError(f"{topic} holds {kind.__name__}, not {type(record).__name__}")
             self._append(channel_id, record, log_time_ns, record.stamp_ns)
-            if view is not None:
-                shown = view.convert(record)
+            if view is not None and log_time_ns >= self._view_due_ns.get(topic, 0):
+                self._view_due_ns[topic] = log_time_ns + view.period_ns
                 channel_id = self._channels[topic + view.suffix][0]
-                self._append(channel_id, shown, log_time_ns, record.stamp_ns)
+                self._append(channel_id, view.convert(record), log_time_ns, record.stamp_ns)
         except OSError as error:
             self._give_up(error)
 

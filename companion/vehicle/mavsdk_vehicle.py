@@ -4,6 +4,7 @@ MAVSDK calls back on threads of its own, which only fill slots. Degrees end here
 """
 
 import asyncio
+import functools
 import logging
 import math
 from collections.abc import Callable
@@ -63,7 +64,7 @@ class MavsdkVehicle:
         self._armed_stamp_ns = -math.inf
 
     async def __aenter__(self) -> Self:
-        mavsdk.logging.log_subscribe(_log)
+        _redirect_log()
         configuration = Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER)
         self._mavsdk = Mavsdk(configuration)
         try:
@@ -275,7 +276,12 @@ def _reason(error: Exception) -> str:
     return name.lower().replace("_", " ")
 
 
-def _log(level: int, message: str, _file: str | None, _line: int) -> bool:
-    """MAVSDK's log lines through ``logging``; True keeps them off stdout."""
-    logger.log(_LOG_LEVELS[level], "%s", message)
-    return True
+@functools.cache
+def _redirect_log() -> None:
+    """MAVSDK's log lines through ``logging``; once, as replacing the callback is not safe."""
+
+    def log(level: int, message: str, _file: str | None, _line: int) -> bool:
+        logger.log(_LOG_LEVELS[level], "%s", message)
+        return True  # keeps the line off stdout
+
+    mavsdk.logging.log_subscribe(log)

@@ -8,7 +8,8 @@ or south, north and down on those that look east or west, north and east on leve
 
 import math
 import zlib
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from sitl.arena.paint import Image, Sheet
 from sitl.arena.room import BoxSettings, CylinderSettings, PosterSettings, Room, SurfaceSettings
 from sitl.arena.textures import paint_texture
 
+Places = NDArray[np.float64]
 Material = SurfaceSettings | PosterSettings | BoxSettings | CylinderSettings
 
 LEVELS = 14
@@ -54,7 +56,8 @@ class Atlas(NamedTuple):
     axis: NDArray[np.int32]
 
 
-class _Face(NamedTuple):
+@dataclass(frozen=True)
+class _Face:
     """A flat surface at ``at_m`` on ``axis`` that looks along (+1) or against (-1) it."""
 
     key: str
@@ -75,7 +78,7 @@ class _Face(NamedTuple):
         """Whether u runs to the left of someone who looks at the face."""
         return self.looks == UV_HANDEDNESS[self.axis]
 
-    def places(self, fractions: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+    def places(self, fractions: Places) -> tuple[Places, Places]:
         """Points at these (n, n, 2) fractions of the size, and normals, both (n, n, 3) NED."""
         points = np.full((*fractions.shape[:2], 3), self.at_m)
         points[..., UV_AXES[self.axis]] = self.low_m + fractions * (self.high_m - self.low_m)
@@ -84,7 +87,8 @@ class _Face(NamedTuple):
         return points, normals
 
 
-class _Mantle(NamedTuple):
+@dataclass(frozen=True)
+class _Mantle:
     """The round side of a cylinder; u is the arc from north over east, v runs down."""
 
     key: str
@@ -94,8 +98,8 @@ class _Mantle(NamedTuple):
     top_down_m: float
     foot_down_m: float
 
-    axis = MANTLE
-    mirrored = True
+    axis: ClassVar[int] = MANTLE
+    mirrored: ClassVar[bool] = True
 
     @property
     def low_m(self) -> NDArray[np.float64]:
@@ -105,7 +109,7 @@ class _Mantle(NamedTuple):
     def size_m(self) -> tuple[float, float]:
         return 2 * math.pi * self.radius_m, self.foot_down_m - self.top_down_m
 
-    def places(self, fractions: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+    def places(self, fractions: Places) -> tuple[Places, Places]:
         angle_rad = 2 * math.pi * fractions[..., 0]
         normals = np.stack([np.cos(angle_rad), np.sin(angle_rad), 0 * angle_rad], axis=-1)
         down_m = self.top_down_m + fractions[..., 1] * (self.foot_down_m - self.top_down_m)
@@ -228,7 +232,7 @@ def _light(room: Room, surface: _Face | _Mantle, shape: tuple[int, ...]) -> Imag
     facing = np.maximum((to_lamp * normals).sum(axis=-1), 0.0) / distance_m
     direct = np.minimum(facing * (lamp[2] / distance_m) ** 2, FULL_SCALE)
     light = settings.ambient_norm + (1.0 - settings.ambient_norm) * direct
-    return cv2.resize(light.astype(np.float32), (shape[1], shape[0]))
+    return np.asarray(cv2.resize(light, (shape[1], shape[0])), np.float32)
 
 
 def _pyramid(image: Image) -> list[NDArray[np.uint8]]:
@@ -239,7 +243,8 @@ def _pyramid(image: Image) -> list[NDArray[np.uint8]]:
         shrink = 2.0 ** (-level / 2)
         rows, columns = (max(1, round(side * shrink)) for side in image.shape)
         source = sizes[max(level - 2, 0)]
-        sizes.append(cv2.resize(source, (columns, rows), interpolation=cv2.INTER_AREA))
+        smaller = cv2.resize(source, (columns, rows), interpolation=cv2.INTER_AREA)
+        sizes.append(np.asarray(smaller, np.float32))
     return [
         np.pad(np.clip(np.rint(size), 0, 255).astype(np.uint8), 1, mode="edge") for size in sizes
     ]

@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import cv2
@@ -10,13 +12,14 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from companion.kernel.calibration import Intrinsics, StereoCalibration
+from companion.kernel.errors import SimulatorError
 from companion.kernel.frames import Vector3, matrix_from_euler
 from companion.kernel.messages import StereoFrame
 from companion.kernel.settings import Settings
 from sitl.arena.atlas import build_atlas
 from sitl.arena.jit import kernel
-from sitl.arena.raycast import Eye, Floats, Pose, build_eye, build_scene, render_depth
-from sitl.arena.room import Norm, Positive, Room
+from sitl.arena.raycast import Eye, Floats, Pose, Scene, build_eye, build_scene, render_depth
+from sitl.arena.room import Norm, Positive, Room, RoomSettings, build_room
 from sitl.arena.shading import render
 
 Pixels = Annotated[int, Meta(ge=8, le=4096)]
@@ -77,12 +80,13 @@ class StereoCameraModel:
 
     def __init__(self, room: Room, settings: CameraSettings, rng: np.random.Generator) -> None:
         self.settings = settings
-        self._scene = build_scene(room, build_atlas(room))
+        self._scene = _painted(room.settings, room.source)
         self._calibration = _declared_calibration(settings)
         self._halves = _build_halves(settings, self._calibration)
         self._rng = rng
         self._noise = rng.standard_normal(NOISE_DRAWS, np.float32)
         self._exposure_lsb: float | None = None
+        self._compile()
 
     @property
     def calibration(self) -> StereoCalibration:
@@ -98,13 +102,21 @@ class StereoCameraModel:
     def render_exposure(
         self, poses: Sequence[tuple[Vector3, NDArray[np.float64]]], stamp_ns: int
     ) -> StereoFrame:
-        """The pair averaged over poses during one exposure: with several, motion blurs."""
+        """The pair averaged over poses during one exposure: with several, motion blurs.
+
+        Exposure reacts to this pair in the next one, except that the first pair is well exposed.
+        """
         left, right = (self._radiance(half, poses) for half in self._halves)
-        if self._exposure_lsb is None:
-            self._expose_for(float(left.mean()), 1.0)
-        frame = StereoFrame(stamp_ns, self._develop(left), self._develop(right))
-        self._expose_for(float(left.mean()), 1.0 - math.exp(-1.0 / self.settings.exposure_frames))
-        return frame
+        draws = self._rng.integers(NOISE_DRAWS, size=2).tolist()
+        wanted_lsb = self._wanted_exposure_lsb(float(left.mean()))
+        exposure_lsb = self._exposure_lsb or wanted_lsb
+        share = 1.0 - math.exp(-1.0 / self.settings.exposure_frames)
+        self._exposure_lsb = exposure_lsb * (wanted_lsb / exposure_lsb) ** share
+        return StereoFrame(
+            stamp_ns,
+            self._develop(left, exposure_lsb, draws[0]),
+            self._develop(right, exposure_lsb, draws[1]),
+        )
 
     def depth(
         self, position_ned_m: Vector3, ned_from_frd: NDArray[np.float64]
@@ -114,6 +126,12 @@ class StereoCameraModel:
         left = self._halves[0]
         render_depth(self._scene, left.eye, _pose(left, position_ned_m, ned_from_frd), depth_m)
         return depth_m
+
+    def _compile(self) -> None:
+        """Calls every kernel once, so that none is compiled while the vehicle flies."""
+        pose = (0.0, 0.0, -1.0), np.eye(3)
+        self._develop(self._radiance(self._halves[0], [pose]), 1.0, 0)
+        self.depth(*pose)
 
     def _radiance(
         self, half: _Half, poses: Sequence[tuple[Vector3, NDArray[np.float64]]]
@@ -126,32 +144,28 @@ class StereoCameraModel:
         if self.settings.blur_px > 0.0:
             blur_px = self.settings.blur_px
             size = 2 * math.ceil(2.5 * blur_px) + 1
-            radiance = cv2.GaussianBlur(radiance, (size, size), blur_px)
+            cv2.GaussianBlur(radiance, (size, size), blur_px, dst=radiance)
         radiance *= half.transmission
         return radiance
 
-    def _expose_for(self, mean_radiance: float, share: float) -> None:
-        """Moves the exposure by ``share`` of the way (in stops) to the target."""
+    def _wanted_exposure_lsb(self, mean_radiance: float) -> float:
         low, high = EXPOSURE_LIMITS_LSB
-        wanted = self.settings.exposure_target_lsb / max(mean_radiance, 1e-3)
-        wanted = min(max(wanted, low), high)
-        now = self._exposure_lsb or wanted
-        self._exposure_lsb = now * (wanted / now) ** share
+        return min(max(self.settings.exposure_target_lsb / max(mean_radiance, 1e-3), low), high)
 
-    def _develop(self, radiance: Floats) -> NDArray[np.uint8]:
+    def _develop(self, radiance: Floats, exposure_lsb: float, first_draw: int) -> NDArray[np.uint8]:
         image = np.empty(radiance.shape, np.uint8)
-        start = int(self._rng.integers(NOISE_DRAWS))
-        assert self._exposure_lsb is not None
-        _expose(
-            radiance,
-            np.float32(self._exposure_lsb),
-            np.float32(self.settings.read_noise_lsb**2),
-            np.float32(self.settings.shot_noise_white_lsb**2 / WHITE_LSB),
-            self._noise,
-            start,
-            image,
-        )
+        read_square = np.float32(self.settings.read_noise_lsb**2)
+        shot_square = np.float32(self.settings.shot_noise_white_lsb**2 / WHITE_LSB)
+        exposure = np.float32(exposure_lsb)
+        _expose(radiance, exposure, read_square, shot_square, self._noise, first_draw, image)
         return image
+
+
+@lru_cache(maxsize=2)
+def _painted(settings: RoomSettings, source: Path) -> Scene:
+    """Flights in the same room share its texels, which take a second or two to paint."""
+    room = build_room(settings, source)
+    return build_scene(room, build_atlas(room))
 
 
 def mean_disparity_px(depth_m: NDArray[np.float32], calibration: StereoCalibration) -> float:
@@ -215,6 +229,8 @@ def _transmission(settings: CameraSettings) -> Floats:
 
 def _pose(half: _Half, position_ned_m: Vector3, ned_from_frd: NDArray[np.float64]) -> Pose:
     position = np.array(position_ned_m) + ned_from_frd @ half.position_frd_m
+    if not np.isfinite(position).all():
+        raise SimulatorError(f"the camera is nowhere: vehicle at {position_ned_m}")
     rotation = ned_from_frd @ half.frd_from_cam
     return Pose(position.astype(np.float32), np.ascontiguousarray(rotation, np.float32))
 

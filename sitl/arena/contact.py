@@ -19,6 +19,7 @@ class RoomContact:
 
     def __init__(self, room: Room) -> None:
         self._arrays = (room.bounds_ned_m, room.boxes_ned_m, room.cylinders_ned_m)
+        self.nearest((0.0, 0.0, 0.0))  # compiles the kernel before anything flies
 
     def nearest(self, position_ned_m: Vector3) -> tuple[float, Vector3]:
         """(distance to the nearest surface in metres, unit NED normal from it to the point).

@@ -71,7 +71,8 @@ def _enlarged(field: Image, shape: tuple[int, ...], step_u: float, step_v: float
     place = np.array([[step_u, 0.0, 0.0], [0.0, step_v, 0.0]])
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     size = (shape[1], shape[0])
-    return cv2.warpAffine(field, place, size, flags=flags, borderMode=cv2.BORDER_REFLECT)
+    image = cv2.warpAffine(field, place, size, flags=flags, borderMode=cv2.BORDER_REFLECT)
+    return np.asarray(image, np.float32)
 
 
 def polygon(image: Image, sheet: Sheet, corners_m: NDArray[np.float64], reflectance: float) -> None:

@@ -137,7 +137,7 @@ def concrete(sheet: Sheet, rng: np.random.Generator) -> Image:
 def wood(sheet: Sheet, rng: np.random.Generator) -> Image:
     """Furniture and panelling: planks of 9-20 cm with growth rings."""
     rings = noise(sheet, rng, 0.10, 0.02, stretch=10.0)
-    image = 0.40 + 0.07 * np.sin(2.5 * rings).astype(np.float32)
+    image: Image = 0.40 + 0.07 * np.sin(2.5 * rings).astype(np.float32)
     image += 0.025 * noise(sheet, rng, FINE_M)
     u = 0.0
     while u < sheet.width_m:

@@ -18,6 +18,7 @@ from sitl.arena.room import Room
 TILE_PX = 16
 PIXELS = TILE_PX * TILE_PX
 NEAREST_M = 1e-3
+TINY = 1e-9
 
 Floats = NDArray[np.float32]
 Whole = NDArray[np.int32]
@@ -136,11 +137,13 @@ def hit_tile(scene: Scene, eye: Eye, index: int, pose: Pose, found: Whole, tile:
 
 @kernel
 def _aim(rays: Floats, row: Floats, component: Floats) -> None:
-    """One NED component of every ray's direction."""
+    """One NED component of every ray's direction; never 0, so that no quotient is 0 / 0."""
     x, y = rays[0], rays[1]
     a, b, c = row[0], row[1], row[2]
+    tiny = np.float32(TINY)
     for p in range(PIXELS):
-        component[p] = a * x[p] + b * y[p] + c
+        value = a * x[p] + b * y[p] + c
+        component[p] = value if abs(value) > tiny else tiny
 
 
 @kernel

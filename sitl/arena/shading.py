@@ -97,7 +97,7 @@ def _lay_on_mantles(
     dx, dy, dz, depth = tile.dx, tile.dy, tile.dz, tile.depth
     o, r, cylinders = pose.position, pose.ned_from_cam, scene.cylinders
     first_surface = FACES * scene.blocks.shape[0]
-    turn = np.float32(2.0 * math.pi)
+    turn, grazing = np.float32(2.0 * math.pi), np.float32(-1e-3)
     for p in range(PIXELS):
         if scene.axis[np.uint32(tile.surface[p])] != MANTLE:
             continue
@@ -109,7 +109,7 @@ def _lay_on_mantles(
         prints.u[p] = radius * (angle if angle >= 0 else angle + turn)
         prints.v[p] = o[2] + depth[p] * dz[p]
         along_u = north * dy[p] - east * dx[p]
-        slide = span / (north * dx[p] + east * dy[p])
+        slide = span / min(north * dx[p] + east * dy[p], grazing)
         right = slide * (north * r[0, 0] + east * r[1, 0])
         down = slide * (north * r[0, 1] + east * r[1, 1])
         right_u = span * (north * r[1, 0] - east * r[0, 0]) - along_u * right
@@ -122,20 +122,26 @@ def _lay_on_mantles(
 
 @kernel
 def _measure(
-    right_u: float, right_v: float, down_u: float, down_v: float, texel_m: float
-) -> tuple[float, float, int, int]:
+    right_u: np.float32,
+    right_v: np.float32,
+    down_u: np.float32,
+    down_v: np.float32,
+    texel_m: np.float32,
+) -> tuple[np.float32, np.float32, np.int32, np.int32]:
     """(step_u, step_v, level, taps) of the footprint that one pixel right and one down span."""
     right, down = right_u * right_u + right_v * right_v, down_u * down_u + down_v * down_v
-    wide = max(right, down)
-    step_u, step_v = right_u if right > down else down_u, right_v if right > down else down_v
     area = right_u * down_v - right_v * down_u
-    narrow = max(area * area / wide, wide * np.float32(1.0 / TAPS**2))
-    taps = np.int32(math.sqrt(wide / narrow) + np.float32(0.5))
+    wide = np.maximum(right, down)
+    narrow = np.maximum(area * area / wide, wide * np.float32(1.0 / TAPS**2))
+    taps = np.int32(np.sqrt(wide / narrow) + np.float32(0.5))
     # A single's exponent is its logarithm to base 2; of a square, that counts half octaves. The
     # square root of 2 rounds it to the nearest.
     finest = texel_m * texel_m * np.float32(TEXELS_PER_PIXEL**2 / math.sqrt(2.0))
-    level = (np.float32(narrow / finest).view(np.int32) >> np.int32(23)) - np.int32(127)
-    return step_u, step_v, min(max(level, np.int32(0)), np.int32(LEVELS - 1)), taps
+    exponent = np.float32(narrow / finest).view(np.int32) >> np.int32(23)
+    level = np.minimum(np.maximum(exponent - np.int32(127), np.int32(0)), np.int32(LEVELS - 1))
+    if right > down:
+        return right_u, right_v, level, taps
+    return down_u, down_v, level, taps
 
 
 @kernel

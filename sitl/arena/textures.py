@@ -4,9 +4,11 @@ import importlib.util
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.kernel.errors import PlanError
 from sitl.arena import patterns, pictures
@@ -89,7 +91,8 @@ def _picture(path: Path, sheet: Sheet, repeat_m: float | None) -> Image:
     return mirrored(_resize(grey, rows, columns), sheet.rows, sheet.columns)
 
 
-def _resize(grey: np.ndarray, rows: int, columns: int) -> Image:
+def _resize(grey: NDArray[Any], rows: int, columns: int) -> Image:
     shrinks = rows < grey.shape[0] and columns < grey.shape[1]
     how = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
-    return cv2.resize(grey.astype(np.float32) / 255, (columns, rows), interpolation=how)
+    image = cv2.resize(grey.astype(np.float32) / 255, (columns, rows), interpolation=how)
+    return np.asarray(image, np.float32)

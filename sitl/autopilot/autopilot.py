@@ -1,6 +1,7 @@
 """The autopilot: takes commands and setpoints, flies the airframe. No link in here."""
 
 import math
+from collections import deque
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
@@ -28,6 +29,7 @@ from sitl.settings import BatterySettings, EstimatorSettings
 
 CONTROL_HZ: Final = 50
 _UPRIGHT_RAD: Final = math.radians(60.0)  # PX4's failure detector, FD_FAIL_R and FD_FAIL_P
+_TEXTS_KEPT: Final = 500  # while no link takes them; then the oldest go
 _SELECTABLE: Final = (FlightMode.HOLD, FlightMode.OFFBOARD, FlightMode.LAND, FlightMode.TAKEOFF)
 
 
@@ -60,7 +62,7 @@ class Autopilot:
         self._flight = Flight(self.parameters, hover_thrust_norm, CONTROL_HZ)
         self._arming = Arming(self.parameters)
         self._failsafe = Failsafe(self.parameters)
-        self._texts: list[StatusText] = []
+        self._texts: deque[StatusText] = deque(maxlen=_TEXTS_KEPT)
         self._ready = False
         self._intended = FlightMode.HOLD
         self._setpoint_s = -math.inf
@@ -103,7 +105,8 @@ class Autopilot:
         return change_parameter(self.parameters, name, value)
 
     def drain_status_texts(self) -> list[StatusText]:
-        texts, self._texts = self._texts, []
+        texts = list(self._texts)
+        self._texts.clear()
         return texts
 
     def arm(self, force: bool = False) -> Ack:

@@ -22,7 +22,8 @@ _TILT_LAG_S: Final = 0.15  # from a wanted acceleration to the tilt that gives i
 _JERK_VERTICAL_M_S3: Final = 15.0
 _YAW_ACCELERATION_RAD_S2: Final = 4.0
 _YAW_JERK_RAD_S3: Final = 40.0
-_INTEGRAL_LIMIT_M_S2: Final = 4.0
+_LEVEL_INTEGRAL_LIMIT_M_S2: Final = 2.0  # of wind; a wall it leans on must not wind it up more
+_DOWN_INTEGRAL_LIMIT_M_S2: Final = 4.0  # of a battery or rotor that gives less than expected
 _HEADING_LATCH_RAD_S: Final = 0.02  # a turn is over when its reference is slower than this
 
 
@@ -103,8 +104,9 @@ class Controller:
         error_north = level.expected_north_m_s - estimate.velocity_ned_m_s[0]
         error_east = level.expected_east_m_s - estimate.velocity_ned_m_s[1]
         rate = parameters["MPC_XY_VEL_I_ACC"] * self._step_s
-        self._integral_north = _bounded(self._integral_north + rate * error_north)
-        self._integral_east = _bounded(self._integral_east + rate * error_east)
+        limit = _LEVEL_INTEGRAL_LIMIT_M_S2
+        self._integral_north = _bounded(self._integral_north + rate * error_north, limit)
+        self._integral_east = _bounded(self._integral_east + rate * error_east, limit)
         gain = parameters["MPC_XY_VEL_P_ACC"]
         return (
             level.north_m_s2
@@ -144,7 +146,8 @@ class Controller:
         )
         error = down.speed - estimate.velocity_ned_m_s[2]
         self._integral_down = _bounded(
-            self._integral_down + parameters["MPC_Z_VEL_I_ACC"] * self._step_s * error
+            self._integral_down + parameters["MPC_Z_VEL_I_ACC"] * self._step_s * error,
+            _DOWN_INTEGRAL_LIMIT_M_S2,
         )
         return (
             down.acceleration
@@ -191,5 +194,5 @@ class Controller:
         )
 
 
-def _bounded(integral_m_s2: float) -> float:
-    return max(-_INTEGRAL_LIMIT_M_S2, min(_INTEGRAL_LIMIT_M_S2, integral_m_s2))
+def _bounded(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))

@@ -8,7 +8,7 @@ import pytest
 
 from companion.kernel.clock import SimClock, WallClock, wall_s
 from companion.kernel.errors import LinkError, VehicleError
-from companion.kernel.messages import FlightMode, Setpoint, SimulationRequest
+from companion.kernel.messages import FlightMode, LandedState, Setpoint, SimulationRequest
 from companion.vehicle.deadman import Deadman, DeadmanSettings, Stage
 from companion.vehicle.mavsdk_vehicle import MavsdkSettings, MavsdkVehicle
 from sitl.process import launch
@@ -123,7 +123,7 @@ def test_a_blocked_event_loop_stops_the_vehicle_and_lands_it(tmp_path):
         room=str(ROOM), seed=1, speed=speed, camera_rate_hz=10.0, log_dir=str(tmp_path)
     )
     settings = MavsdkSettings(
-        deadman=DeadmanSettings(stop_after_s=1.0, hold_after_s=0.5, land_after_s=0.8)
+        deadman=DeadmanSettings(stop_after_s=1.0, hold_after_s=1.0, land_after_s=1.2)
     )
 
     async def run():
@@ -141,8 +141,8 @@ def test_a_blocked_event_loop_stops_the_vehicle_and_lands_it(tmp_path):
                 stopped = vehicle.telemetry()
                 assert stopped.flight_mode is FlightMode.OFFBOARD
                 assert stopped.velocity_ned_m_s == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
-                block_the_event_loop(1.0)
-                assert vehicle.telemetry().flight_mode is FlightMode.LAND
+                block_the_event_loop(1.8)
+                assert vehicle.telemetry().landed_state is LandedState.ON_GROUND
                 with pytest.raises(VehicleError, match="the deadman is LANDING"):
                     await vehicle.send(ahead)
                 await vehicle.land()

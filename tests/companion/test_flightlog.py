@@ -216,6 +216,15 @@ def test_poses_are_shown_with_z_up(yaw_rad):
     assert (shown.timestamp.sec, shown.timestamp.nsec) == (1, 500_000_000)
 
 
+def test_views_are_thinned_records_are_not(tmp_path):
+    path = tmp_path / "flight.mcap"
+    with FlightLogWriter(path, META) as log:
+        pose = next(record for topic, record in records(1) if topic == Topic.MOCAP)
+        for i in range(100):  # a second at 100 Hz
+            log.write(Topic.MOCAP, msgspec.structs.replace(pose, stamp_ns=i * 10_000_000))
+    assert FlightLog(path).topics() == {"/mocap": 100, "/mocap/pose": 20}
+
+
 def test_images_come_back_bit_for_bit(tmp_path):
     rng = np.random.default_rng(3)
     pairs = [rng.integers(0, 256, (2, 96, 128), dtype=np.uint8) for _ in range(4)]

@@ -17,11 +17,11 @@ angle = st.floats(-3.1, 3.1)
 tilt = st.floats(-1.5, 1.5)
 
 
-class Inner(Settings):
+class Inner(Settings, frozen=True):
     speed_m_s: Annotated[float, Meta(gt=0)] = 1.0
 
 
-class Outer(Settings):
+class Outer(Settings, frozen=True):
     inner: Inner = Inner()
     count: int = 1
 

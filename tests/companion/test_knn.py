@@ -1,5 +1,7 @@
 """kNN is exact, incremental, bounded, and keeps scikit-learn's contract."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -39,7 +41,7 @@ def test_learning_in_pieces_equals_learning_at_once(cuts):
     X, y = rng.random((700, 4), dtype=np.float32), rng.random(700)
     bounds = sorted({0, 700, *cuts})
     grown = KNNRegressor()
-    for start, stop in zip(bounds, bounds[1:], strict=False):
+    for start, stop in pairwise(bounds):
         grown.partial_fit(X[start:stop], y[start:stop])
     assert_array_equal(grown.predict(X[:50]), KNNRegressor().fit(X, y).predict(X[:50]))
 

@@ -1,6 +1,7 @@
 """Planted disparities are found again, whatever the camera's geometry."""
 
 import math
+from functools import cache
 
 import cv2
 import msgspec
@@ -18,6 +19,7 @@ EYE = Intrinsics(120.0, 120.0, 64.0, 48.0)
 CALIBRATION = StereoCalibration(WIDTH_PX, HEIGHT_PX, EYE, EYE, baseline_m=0.06)
 
 
+@cache
 def texture(seed=0):
     """A wall painted with blots of several sizes: (400, 600), grey levels."""
     rng = np.random.default_rng(seed)

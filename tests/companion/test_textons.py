@@ -91,9 +91,7 @@ def test_gradient_is_central_inside_and_one_sided_at_the_edge_columns():
     assert_allclose(gradient_matrix(5) @ patch.ravel(), expected.ravel(), atol=1e-6)
 
 
-@given(
-    height=st.integers(20, 300), width=st.integers(20, 300), patches=st.sampled_from([50, 500])
-)
+@given(height=st.integers(20, 300), width=st.integers(20, 300), patches=st.sampled_from([50, 500]))
 def test_grid_spans_the_image_with_about_as_many_patches_as_asked_for(height, width, patches):
     places = grid_places((height, width), 5, patches)
     assert len(np.unique(places, axis=0)) == len(places)

@@ -84,7 +84,7 @@ def test_a_lost_companion_ends_on_the_ground_disarmed(airborne):
 
 
 def test_low_battery_warns_and_critical_battery_lands(make_flight):
-    # 19 % is 3 minutes of hover from a pack of 1.5 Ah; a twentieth of the pack makes it seconds.
+    # A twentieth of the real pack: minutes become seconds.
     settings = SitlSettings(battery=BatterySettings(capacity_mah=75.0, charge_norm=0.6))
     flight = make_flight(settings=settings)
     flight.take_off()
@@ -136,6 +136,14 @@ def test_the_fence_has_a_lid(airborne):
     airborne.autopilot.set_parameter("GF_MAX_VER_DIST", 2.0)
     airborne.fly(3.0, down_m_s=-0.5)
     assert airborne.status.failsafe
+
+
+def test_a_vehicle_that_tumbles_is_switched_off(airborne):
+    airborne.world.airframe.set_motor_efficiency(0, 0.0)
+    airborne.wait_until(lambda: not airborne.status.armed, 3.0)
+    assert airborne.said("Flight terminated: Attitude failure detected")
+    airborne.run(2.0)
+    assert airborne.world.crashed is not None
 
 
 def test_failsafes_are_silent_on_the_ground(flight):

@@ -3,10 +3,12 @@
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from companion.kernel.errors import PlanError
 from companion.kernel.messages import FlightMode
-from sitl.hull import HULL_RADIUS_M
+from sitl.hull import HULL_RADIUS_M, push_ned_n
 from sitl.settings import SitlSettings
 from sitl.simulator import World
 
@@ -38,6 +40,26 @@ def test_a_slow_bump_is_pushed_back_and_counted_once(make_flight, room):
     flight.fly(4.0, north_m_s=-0.4)
     flight.fly(6.0, north_m_s=0.4)
     assert flight.world.collisions == 2
+
+
+UNIT = st.floats(-1.0, 1.0)
+
+
+@given(
+    clearance_m=st.floats(-0.2, 0.2),
+    normal=st.tuples(UNIT, UNIT, UNIT).filter(lambda n: math.hypot(*n) > 0.1),
+    velocity=st.tuples(UNIT, UNIT, UNIT),
+)
+def test_a_surface_pushes_out_and_brakes_never_pulls_or_drives(clearance_m, normal, velocity):
+    normal = tuple(axis / math.hypot(*normal) for axis in normal)
+    force = push_ned_n(clearance_m, normal, velocity)
+    outwards_n = sum(f * n for f, n in zip(force, normal, strict=True))
+    assert outwards_n >= -1e-9
+    leaving_m_s = sum(v * n for v, n in zip(velocity, normal, strict=True))
+    sliding = [v - leaving_m_s * n for v, n in zip(velocity, normal, strict=True)]
+    assert sum(f * s for f, s in zip(force, sliding, strict=True)) <= 1e-9
+    if clearance_m >= 0.0:
+        assert force == (0.0, 0.0, 0.0)
 
 
 def test_a_bump_gives_no_energy(make_flight, room):

@@ -4,15 +4,14 @@ import json
 
 import numpy as np
 import pytest
-from pymavlink.dialects.v20 import common as mavlink
 
-from companion.flightlog import FlightLogWriter, FlightMetadata, Topic
 from companion.kernel.clock import wall_s
+from companion.kernel.errors import CompanionError
 from companion.kernel.messages import Setpoint
-from sitl.mavlink.tlog import TelemetryLog
 from tools.bench.__main__ import main
 from tools.bench.harness import Row, race_row, race_s
-from tools.bench.latency import latencies_s
+from tools.bench.latency import latencies_s, velocity_key
+from tools.bench.process import watch
 
 
 def spin(duration_s):
@@ -66,37 +65,36 @@ def test_an_unknown_subject_is_a_usage_error(capsys):
     assert "perception" in capsys.readouterr().err
 
 
-def test_a_planted_latency_is_found_among_repetitions(tmp_path):
-    """Each setpoint arrives 7 ms after its frame, and once more 20 ms later."""
-    sender = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)
-    link = TelemetryLog(tmp_path / "sitl.tlog")
-    metadata = FlightMetadata(plan={}, seed=1, version="0")
-    with FlightLogWriter(tmp_path / "flight.mcap", metadata) as log:
-        for number in range(20):
-            frame_s, climb_m_s = 1.0 + number / 30.0, -number / 7.0
-            setpoint = Setpoint(
-                stamp_ns=round(frame_s * 1e9), velocity_hfrd_m_s=(0.5, 0.0, climb_m_s)
-            )
-            log.write(Topic.SETPOINT, setpoint)
-            for late_s in (0.007, 0.027):
-                message = mavlink.MAVLink_set_position_target_local_ned_message(
-                    0,
-                    1,
-                    1,
-                    mavlink.MAV_FRAME_BODY_NED,
-                    0,
-                    0,
-                    0,
-                    0,
-                    0.5,
-                    0.0,
-                    climb_m_s,
-                    0,
-                    0,
-                    0,
-                    0,
-                    0,
-                )
-                link.write(frame_s + late_s, message.pack(sender))
-    link.close()
-    np.testing.assert_allclose(latencies_s(tmp_path), np.full(20, 0.007), atol=2e-6)
+def test_a_planted_latency_is_found_among_repetitions():
+    """Each setpoint arrives 7 ms after its exposure, and once more 20 ms later; every third is
+    the same as the one before and tells nothing.
+    """
+    setpoints, exposures, arrivals = [], {}, {}
+    for number in range(30):
+        frame_s, velocity = 1.0 + number / 30.0, (0.5, 0.0, -((number * 2) // 3) / 7.0)
+        stamp_ns = round(frame_s * 1e9)
+        setpoints.append(Setpoint(stamp_ns=stamp_ns, velocity_hfrd_m_s=velocity))
+        exposures[stamp_ns] = frame_s
+        arrivals.setdefault(velocity_key(*velocity), []).extend((frame_s + 7e-3, frame_s + 27e-3))
+    np.testing.assert_allclose(latencies_s(iter(setpoints), exposures, arrivals), np.full(20, 7e-3))
+
+
+def test_a_watched_process_that_fails_is_one_line(tmp_path):
+    with pytest.raises(CompanionError, match="ZeroDivisionError"):
+        watch(["-c", "1 / 0"], tmp_path)
+
+
+def test_a_watched_process_shows_its_memory_and_first_frame(tmp_path):
+    code = f"""
+import pathlib, threading
+ballast = bytes(80_000_000) and bytearray(80_000_000)
+log = pathlib.Path({str(tmp_path)!r}, "run", "flight.mcap")
+log.parent.mkdir()
+log.write_bytes(b"header")
+threading.Event().wait(0.2)
+log.write_bytes(b"header and frame")
+threading.Event().wait(0.1)
+"""
+    watched = watch(["-c", code], tmp_path)
+    assert watched.peak_mb > 80.0
+    assert 0.2 < watched.first_frame_s < watched.ran_s

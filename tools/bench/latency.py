@@ -1,154 +1,154 @@
-"""``companion fly`` as a user starts it: until the first frame, from camera to setpoint, memory.
+"""From camera to setpoint: a real ``companion fly`` around a simulator in this process.
 
-The latency is read from the logs of a flight at speed 1: from the exposure's stamp in flight.mcap
-to the arrival of that frame's setpoint in the simulator's tlog, both on the vehicle's clock, whose
-resolution is one physics step. It holds rendering, both sockets, perception and MAVSDK.
+The clock starts when the exposure begins and stops when the simulator has that frame's setpoint,
+so it holds rendering, both sockets, perception, the decision and MAVSDK.
 """
 
-import asyncio
+import subprocess
 import sys
 import tempfile
-from asyncio.subprocess import DEVNULL, PIPE, Process
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pymavlink import mavutil
 
 from companion.flightlog import FlightLog, Topic
+from companion.kernel.calibration import StereoCalibration
 from companion.kernel.clock import WallClock, wall_s
 from companion.kernel.errors import CompanionError
-from companion.kernel.messages import Setpoint
+from companion.kernel.messages import Setpoint, StereoFrame
+from companion.plan import load_plan, room_path
+from sitl.build import MountedCamera, build
+from sitl.mavlink import framing
+from sitl.mavlink.links import UdpLink
+from sitl.mavlink.server import MavlinkServer
+from sitl.mavlink.tlog import TelemetryLog
+from sitl.server import CameraServer, RealTimeServer
 from tools.bench.harness import PLAN, Row, race_s
 from tools.bench.perception import Parts
 
 PERCENTILE = 99.0
-PHYSICS_HZ = 900
-LIBRARIES = "import cv2, mavsdk, mcap, msgspec, numba, numpy, rich, sklearn, typer, zmq"
-POLL_PERIOD_S = 0.01
-QUICK = ("experiment.initial_s=5", "experiment.learning_s=15", "experiment.test_s=10")
-FINE = (*QUICK, "camera.rate_hz=30", f"sitl.physics_hz={PHYSICS_HZ}")
-
-
-class Watched(NamedTuple):
-    """A process that ended. The first frame is in the log's first flush after its header."""
-
-    ran_s: float
-    first_frame_s: float
-    peak_mb: float
+SETTINGS = (
+    "experiment.initial_s=5",
+    "experiment.learning_s=15",
+    "experiment.test_s=10",
+    "camera.rate_hz=30",
+)
 
 
 def rows() -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as folder:
-        quick, fine = Path(folder) / "quick", Path(folder) / "fine"
-        imported = asyncio.run(_watch(("-c", LIBRARIES), quick))
-        flown = asyncio.run(_watch(_fly_arguments(quick, 10.0, QUICK), quick))
-        asyncio.run(_watch(_fly_arguments(fine, 1.0, FINE), fine))
-        latency_ms = latencies_s(fine) * 1e3
-    beside = "importing the libraries it stands on"
+        exposures, arrivals = fly(Path(folder))
+        (path,) = Path(folder).glob("*/flight.mcap")
+        setpoints = FlightLog(path).read(Topic.SETPOINT, Setpoint)
+        latency_ms = latencies_s(setpoints, exposures, arrivals) * 1e3
     parts = Parts()
     (perceive_s,) = race_s([parts.perceive], rounds=300)
+    beside = ("perception alone, median", perceive_s * 1e3)
+    yield Row.of("camera to setpoint at 30 Hz, median", float(np.median(latency_ms)), "ms", beside)
     yield Row.of(
-        "camera to setpoint through MAVSDK, 30 Hz, 99 %",
+        f"camera to setpoint at 30 Hz, {PERCENTILE:g} %",
         float(np.percentile(latency_ms, PERCENTILE)),
         "ms",
-        ("perception alone, median", perceive_s * 1e3),
+        beside,
         goal=10.0,
     )
-    yield Row.of(
-        "companion fly, speed 10, to the first frame in flight",
-        flown.first_frame_s,
-        "s",
-        (beside, imported.ran_s),
-        goal=5.0,
-    )
-    yield Row.of(
-        "companion's resident memory, at most",
-        flown.peak_mb,
-        "MB",
-        (beside, imported.peak_mb),
-        goal=300.0,
-    )
 
 
-def latencies_s(logs: Path) -> NDArray[np.float64]:
+Exposures = dict[int, float]
+"""Wall time at which each frame's exposure began, by stamp [ns]."""
+Arrivals = dict[bytes, list[float]]
+"""Wall times at which a setpoint arrived, oldest first, by its velocity."""
+
+
+class TimedCamera:
+    """The simulator's camera; remembers when it was asked."""
+
+    def __init__(self, camera: MountedCamera) -> None:
+        self._camera = camera
+        self.exposures: Exposures = {}
+
+    @property
+    def calibration(self) -> StereoCalibration:
+        return self._camera.calibration
+
+    def expose(self) -> StereoFrame:
+        began_s = wall_s()
+        frame = self._camera.expose()
+        self.exposures[frame.stamp_ns] = began_s
+        return frame
+
+
+class TimedLog(TelemetryLog):
+    """The simulator's log of its link; remembers when setpoints came."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.arrivals: Arrivals = {}
+
+    def write(self, time_s: float, frame: bytes) -> None:
+        message = framing.decode(frame)
+        if message is not None and message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
+            key = velocity_key(message.vx, message.vy, message.vz)
+            self.arrivals.setdefault(key, []).append(wall_s())
+        super().write(time_s, frame)
+
+
+def velocity_key(*velocity_hfrd_m_s: float) -> bytes:
+    """Equal for equal setpoints, as single precision carries them."""
+    return np.array(velocity_hfrd_m_s, np.float32).tobytes()
+
+
+def latencies_s(
+    setpoints: Iterator[Setpoint], exposures: Exposures, arrivals: Arrivals
+) -> NDArray[np.float64]:
     """From each frame's exposure to the first arrival of its setpoint, of shape (n,).
 
-    Setpoints equal to the one before cannot be told from MAVSDK's repetitions and do not count.
+    A setpoint equal to the one before cannot be told from MAVSDK's repetitions of that one, and
+    does not count.
     """
-    (flight,) = logs.glob("**/*.mcap")
-    (link,) = logs.glob("**/*.tlog")
-    arrivals = _arrivals(link)
     found: list[float] = []
     last = b""
-    for setpoint in FlightLog(flight).read(Topic.SETPOINT, Setpoint):
-        key = _key(*setpoint.velocity_hfrd_m_s)
+    for setpoint in setpoints:
+        key = velocity_key(*setpoint.velocity_hfrd_m_s)
         if key != last:
-            sent_s = setpoint.stamp_ns * 1e-9
-            found += [t - sent_s for t in arrivals.get(key, ()) if t >= sent_s][:1]
+            began_s = exposures[setpoint.stamp_ns]
+            found += [t_s - began_s for t_s in arrivals.get(key, ()) if t_s > began_s][:1]
         last = key
     if not found:
-        raise CompanionError(f"{link}: holds none of the setpoints in {flight}")
+        raise CompanionError("none of the flight's setpoints arrived")
     return np.array(found)
 
 
-def _arrivals(link: Path) -> dict[bytes, list[float]]:
-    """Times on the vehicle's clock by setpoint, oldest first."""
-    arrivals: dict[bytes, list[float]] = {}
-    log = mavutil.mavlink_connection(str(link))
-    while (message := log.recv_match(type="SET_POSITION_TARGET_LOCAL_NED")) is not None:
-        key = _key(message.vx, message.vy, message.vz)
-        arrivals.setdefault(key, []).append(message._timestamp)
-    log.close()
-    return arrivals
+def fly(folder: Path) -> tuple[Exposures, Arrivals]:
+    """One flight at speed 1, its log below ``folder``. Raises CompanionError when it fails."""
+    plan = load_plan(PLAN, SETTINGS)
+    simulation = build(room_path(plan, PLAN), plan.sitl, plan.seed, plan.camera.rate_hz)
+    camera, log = TimedCamera(simulation.camera), TimedLog(folder / "flight.tlog")
+    link = UdpLink("udpin://127.0.0.1:0")
+    with (
+        closing(MavlinkServer(simulation.world.autopilot, [link], log)) as vehicle,
+        closing(CameraServer("tcp://127.0.0.1:0", camera.calibration)) as frames,
+        (folder / "errors.txt").open("wb") as errors,
+    ):
+        server = RealTimeServer(
+            simulation.world, camera, vehicle, frames, plan.camera.rate_hz, WallClock()
+        )
+        arguments = _arguments(link.url.replace("udpin", "udpout"), frames.url, folder)
+        with subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=errors) as companion:
+            server.run(lambda: companion.poll() is not None)
+    if companion.returncode != 0:
+        lines = (folder / "errors.txt").read_text().strip().splitlines() or ["no message"]
+        raise CompanionError(f"companion fly: {lines[-1]}")
+    return camera.exposures, log.arrivals
 
 
-def _key(*velocity_m_s: float) -> bytes:
-    """Equal for equal setpoints, as single precision carries them."""
-    return np.array(velocity_m_s, np.float32).tobytes()
-
-
-def _fly_arguments(logs: Path, speed: float, options: Sequence[str]) -> tuple[str, ...]:
-    overrides = (word for option in options for word in ("--set", option))
-    return (
-        *("-m", "companion", "fly", str(PLAN), "--vehicle", "sitl", "--camera", "sitl"),
-        *("--speed", f"{speed:g}", "--log-dir", str(logs), *overrides),
-    )
-
-
-async def _watch(arguments: tuple[str, ...], logs: Path) -> Watched:
-    """Runs this Python with ``arguments`` to its end. Raises CompanionError when that is bad."""
-    began_s = wall_s()
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, *arguments, stdout=DEVNULL, stderr=PIPE
-    )
-    output = asyncio.create_task(process.communicate())
-    first_frame_s, peak_mb, header_bytes = float("nan"), 0.0, 0
-    while not output.done():
-        peak_mb = max(peak_mb, _peak_mb(process))
-        log_bytes = _log_bytes(logs)
-        header_bytes = header_bytes or log_bytes
-        if np.isnan(first_frame_s) and log_bytes > header_bytes:
-            first_frame_s = wall_s() - began_s
-        await WallClock().sleep(POLL_PERIOD_S)
-    _, errors = await output
-    if process.returncode != 0:
-        lines = errors.decode().strip().splitlines() or ["no message"]
-        raise CompanionError(f"{' '.join(arguments[:3])}: {lines[-1]}")
-    return Watched(wall_s() - began_s, first_frame_s, peak_mb)
-
-
-def _peak_mb(process: Process) -> float:
-    """0 when it has just ended."""
-    try:
-        status = Path(f"/proc/{process.pid}/status").read_text()
-    except OSError:
-        return 0.0
-    peaks = [line.split()[1] for line in status.splitlines() if line.startswith("VmHWM")]
-    return float(peaks[0]) / 1024.0 if peaks else 0.0
-
-
-def _log_bytes(logs: Path) -> int:
-    return sum(path.stat().st_size for path in logs.glob("**/*.mcap"))
+def _arguments(mavlink_url: str, camera_url: str, folder: Path) -> list[str]:
+    overrides = [word for setting in SETTINGS for word in ("--set", setting)]
+    return [
+        *(sys.executable, "-m", "companion", "fly", str(PLAN)),
+        *("--vehicle", mavlink_url, "--camera", camera_url, "--log-dir", str(folder)),
+        *overrides,
+    ]
