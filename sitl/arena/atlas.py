@@ -31,9 +31,12 @@ MANTLE = 3
 CYLINDER_FACES = 3
 FULL_SCALE = 1.5
 """Reflectance times light that a texel of 255 stands for."""
-MOST_TEXELS = 60_000_000
+MOST_TEXELS = 30_000_000
+"""Some 60 MB at most: the levels take as much again."""
 UV_AXES = ((1, 2), (0, 2), (0, 1))
+"""Per axis of the normal: the NED axes along which u and v run."""
 UV_HANDEDNESS = (1, -1, 1)
+"""Whether u x v points along or against that axis."""
 LIGHT_CELLS = 24
 
 
@@ -141,7 +144,7 @@ def build_atlas(room: Room) -> Atlas:
 
 def _check_size(room: Room, sizes_m: list[tuple[float, float]]) -> None:
     texel_m = room.settings.texel_m
-    texels = 2 * sum(width_m * height_m for width_m, height_m in sizes_m) / texel_m**2
+    texels = sum(width_m * height_m for width_m, height_m in sizes_m) / texel_m**2
     if texels > MOST_TEXELS:
         least_m = texel_m * math.sqrt(texels / MOST_TEXELS)
         raise PlanError(

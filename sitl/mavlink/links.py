@@ -54,10 +54,6 @@ class UdpLink:
     def fileno(self) -> int:
         return self._socket.fileno()
 
-    @property
-    def has_clients(self) -> bool:
-        return self._remote is not None or bool(self._clients)
-
     def receive(self) -> bytes | None:
         """The next datagram, None when there is none."""
         try:
