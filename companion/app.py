@@ -5,7 +5,7 @@ import logging
 from contextlib import suppress
 
 from companion.flightlog import FlightLogWriter
-from companion.kernel.errors import CompanionError
+from companion.kernel.errors import CompanionError, VehicleError
 from companion.kernel.messages import FlightMode, Setpoint
 from companion.kernel.protocols import Rig
 from companion.loops import Heartbeat, Observer, fly, watch
@@ -14,7 +14,8 @@ from companion.truth import TruthRecorder
 
 logger = logging.getLogger(__name__)
 
-LAND_LIMIT_S = 60.0
+LAND_LIMIT_S = 90.0
+"""Wall time; longer than any vehicle's own limit of simulated time."""
 PILOT_MODES = (FlightMode.MANUAL, FlightMode.POSITION)
 """A human has taken over: nothing is commanded any more."""
 
@@ -30,6 +31,7 @@ class Flight:
         self.truth = TruthRecorder(rig.mocap, log)
         self.flown_s = 0.0
         """Take-off to landing, on the vehicle's clock."""
+        self._heartbeat = Heartbeat(rig.clock.now_s())
         self._plan = pipeline.plan
         self._log = log
         self._observer = observer
@@ -48,7 +50,7 @@ class Flight:
         await self._end(began_ns, best_effort=False)
 
     async def _fly_and_watch(self) -> None:
-        heartbeat = Heartbeat(self.rig.clock.now_s())
+        heartbeat = self._heartbeat = Heartbeat(self.rig.clock.now_s())
         try:
             async with asyncio.TaskGroup() as tasks:
                 watching = tasks.create_task(
@@ -62,25 +64,35 @@ class Flight:
     async def _end(self, began_ns: int, *, best_effort: bool) -> None:
         """Hold and land. When the flight already failed, its error is the one to report."""
         try:
-            if self.rig.vehicle.telemetry().flight_mode in PILOT_MODES:
+            now = self.rig.vehicle.telemetry()
+            if now.armed and now.flight_mode in PILOT_MODES:
                 logger.warning("a pilot has taken over; leaving the vehicle to them")
                 return
             await self._hold_and_land()
-        except (CompanionError, TimeoutError) as error:
+        except CompanionError as error:
             if not best_effort:
                 raise
             logger.error("while landing: %s", error)
         finally:
+            self.flown_s = max(0.0, (self._newest_stamp_ns() - began_ns) * 1e-9)
             self.truth.record()
-            with suppress(CompanionError):
-                self.flown_s = (self.rig.vehicle.telemetry().stamp_ns - began_ns) * 1e-9
 
     async def _hold_and_land(self) -> None:
         """The vehicle bounds each verb by its own clock; the timeout is for a stuck adapter."""
-        async with asyncio.timeout(LAND_LIMIT_S):
-            with suppress(CompanionError):
-                await self.rig.vehicle.hold()
-            await self.rig.vehicle.land()
+        try:
+            async with asyncio.timeout(LAND_LIMIT_S):
+                with suppress(CompanionError):
+                    await self.rig.vehicle.hold()
+                await self.rig.vehicle.land()
+        except TimeoutError:
+            raise VehicleError(f"not landed within {LAND_LIMIT_S:.0f} s") from None
+
+    def _newest_stamp_ns(self) -> int:
+        """The autopilot's time; once it is gone, when it was last heard."""
+        try:
+            return self.rig.vehicle.telemetry().stamp_ns
+        except CompanionError:
+            return self._heartbeat.telemetry_stamp_ns
 
 
 def _first(group: BaseExceptionGroup[CompanionError]) -> CompanionError:

@@ -1,23 +1,27 @@
-"""The command line: ``companion fly`` and ``companion learn``."""
+"""The command line: ``companion fly`` and ``companion learn``.
+
+The commands import what they need when they run: that takes two seconds, which neither ``--help``
+nor a slip of the finger should cost, and an interrupt meanwhile ends in one line.
+"""
 
 import asyncio
 import logging
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import cv2
 import msgspec
 import typer
 from rich.console import Console
 
-from companion.camera.recording import open_recordings
-from companion.console import Progress, print_learning, print_result
-from companion.flight import FlightOrder, fly_plan, new_log_dir
 from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, CompanionError, PlanError
-from companion.learn import LearningReport, run_prequential, run_train_test
-from companion.plan import load_plan
+
+if TYPE_CHECKING:
+    from companion.learn import LearningReport
+
+_INTERRUPTED = 130
+"""What typer makes of a KeyboardInterrupt."""
 
 app = typer.Typer(
     help="Fly on two eyes, learn to fly on one: a companion for vision-based drones.",
@@ -38,12 +42,23 @@ SetOption = Annotated[
 ]
 
 
+class StderrHandler(logging.Handler):
+    """Log lines to the stderr of the moment: above the live table while that is drawn."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        sys.stderr.write(self.format(record) + "\n")
+
+
 @app.callback()
 def _setup(
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log more to stderr.")] = False,
 ) -> None:
+    import cv2
+
     level = logging.DEBUG if verbose else logging.WARNING
-    logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s")
+    logging.basicConfig(
+        level=level, format="%(levelname)s %(name)s: %(message)s", handlers=[StderrHandler()]
+    )
     # Frames are small: OpenCV's threads cost more in hand-over than they save, and results
     # must not depend on the machine.
     cv2.setNumThreads(1)
@@ -74,6 +89,10 @@ def fly(
 
     Exit code 0: flown, 1: the flight failed (one line says why), 2: usage or plan error.
     """
+    from companion.console import Progress, print_result
+    from companion.flight import FlightOrder, fly_plan, new_log_dir
+    from companion.plan import load_plan
+
     loaded = load_plan(plan, settings or (), seed)
     order = FlightOrder(
         plan=loaded,
@@ -110,6 +129,11 @@ def learn(
 
     A recording is a folder in the EuRoC/ASL layout or a flight.mcap with images.
     """
+    from companion.camera.recording import open_recordings
+    from companion.console import print_learning
+    from companion.learn import run_prequential, run_train_test
+    from companion.plan import load_plan
+
     loaded = load_plan(plan, settings or ())
     folder = plan.parent if plan else Path()
     positive_px = positive_threshold or loaded.behaviour.turn_threshold_px
@@ -128,7 +152,7 @@ def learn(
         _write_json(json_file, report)
 
 
-def _write_json(path: Path, report: LearningReport) -> None:
+def _write_json(path: Path, report: "LearningReport") -> None:
     try:
         path.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n")
     except OSError as error:
@@ -156,7 +180,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _spread(sys.argv[1:] if argv is None else argv)
     try:
         app(arguments, prog_name="companion")
-    except SystemExit as end:  # typer has said what was wrong with the words
+    except SystemExit as end:
+        if end.code == _INTERRUPTED:
+            typer.echo("companion: interrupted", err=True)
+            return EXIT_FAILED
+        # typer has said what was wrong with the words
         return end.code if isinstance(end.code, int) else EXIT_FAILED
     except CompanionError as error:
         typer.echo(f"companion: {error}", err=True)

@@ -7,9 +7,10 @@ from typing import Self
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
 from companion.kernel.clock import wall_s
-from companion.kernel.messages import Cue
+from companion.kernel.messages import Cue, Decision
 from companion.learn import LearningReport
 from companion.pipeline import Pipeline, Step
 from companion.summary import Summary, format_figure, table_rows
@@ -19,11 +20,15 @@ PLAIN_PERIOD_SIM_S = 30.0
 
 
 class Progress:
-    """A live line on a terminal; elsewhere (CI, a file) a plain line every 30 s of the flight."""
+    """A live table on a terminal; elsewhere (CI, a file) a plain line every 30 s of the flight."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
+        self._live = (
+            Live(Text("taking off"), console=console, auto_refresh=False)
+            if console.is_terminal
+            else None
+        )
         self._began_ns: int | None = None
         self._began_wall_s = 0.0
         self._drawn_wall_s = -math.inf
@@ -31,7 +36,7 @@ class Progress:
 
     def __enter__(self) -> Self:
         if self._live:
-            self._live.start()
+            self._live.start(refresh=True)
         return self
 
     def __exit__(
@@ -55,13 +60,16 @@ class Progress:
             self._live.update(_status_table(step, pipeline, sim_s, factor), refresh=True)
             self._drawn_wall_s = now_s
         elif not self._live and sim_s - self._drawn_sim_s >= PLAIN_PERIOD_SIM_S:
-            self._console.print(_status_line(step, sim_s, factor), highlight=False)
+            self._console.print(_status_line(step, sim_s, factor), highlight=False, soft_wrap=True)
             self._drawn_sim_s = sim_s
 
 
 def print_result(console: Console, summary: Summary, log_dir: str) -> None:
     """The paper's Table II column of this flight, and where the log lies."""
-    table = Table(title=f"{summary.plan}, seed {summary.seed}, {summary.scheme}")
+    console.print(
+        f"{summary.plan}, seed {summary.seed}, {summary.scheme}", highlight=False, soft_wrap=True
+    )
+    table = Table()
     table.add_column("")
     table.add_column("this flight", justify="right")
     for name, value in table_rows(summary):
@@ -69,7 +77,7 @@ def print_result(console: Console, summary: Summary, log_dir: str) -> None:
     console.print(table)
     console.print(
         f"{summary.outcome} in {summary.sim_s:.0f} s of flight, {summary.wall_s:.0f} s of wall "
-        f"time ({summary.real_time_factor:.1f}x); log: {log_dir}",
+        f"time ({_factor(summary.real_time_factor)}); log: {log_dir}",
         highlight=False,
         soft_wrap=True,
     )
@@ -99,27 +107,25 @@ def print_learning(console: Console, report: LearningReport) -> None:
 
 
 def _status_table(step: Step, pipeline: Pipeline, sim_s: float, factor: float) -> Table:
-    table = Table(expand=False)
+    """Pairs of label and value, three a row; the widths are fixed, so that nothing jumps."""
     decision, percept = step.decision, step.percept
     experiment = pipeline.plan.experiment
     total_s = experiment.initial_s + experiment.learning_s + experiment.test_s
-    cue = decision.cue.value + (" (override)" if decision.override else "")
-    columns = {
-        "phase": decision.phase.value,
-        "flight": f"{sim_s:.0f} of {total_s:.0f} s",
-        "λ stereo": _px(percept.stereo_px),
-        "λ mono": _px(percept.mono_px),
-        "flies on": cue,
-        "state": decision.state.value,
-        "turns": str(decision.turns),
-        "overrides": str(decision.overrides),
-        "speed": f"{factor:.1f}x",
-    }
-    for name in columns:
-        table.add_column(name, justify="right", no_wrap=True)
-    flying_mono = "bold green" if decision.cue is Cue.MONO else "bold cyan"
-    table.add_row(*columns.values(), style="bold red" if decision.override else flying_mono)
+    table = Table.grid(padding=(0, 2))
+    for width, style in ((6, "dim"), (14, ""), (8, "dim"), (17, ""), (9, "dim"), (8, "")):
+        table.add_column(width=width, style=style, no_wrap=True)
+    flight = f"{sim_s:.0f} of {total_s:.0f} s"
+    state, turns, overrides = decision.state.value, str(decision.turns), str(decision.overrides)
+    table.add_row("phase", decision.phase.value, "λ stereo", _px(percept.stereo_px), "state", state)
+    table.add_row("flight", flight, "λ mono", _px(percept.mono_px), "turns", turns)
+    table.add_row("speed", _factor(factor), "flies on", _cue(decision), "overrides", overrides)
     return table
+
+
+def _cue(decision: Decision) -> Text:
+    if decision.override:
+        return Text("stereo (override)", style="bold red")
+    return Text(decision.cue.value, "bold green" if decision.cue is Cue.MONO else "bold cyan")
 
 
 def _status_line(step: Step, sim_s: float, factor: float) -> str:
@@ -127,9 +133,14 @@ def _status_line(step: Step, sim_s: float, factor: float) -> str:
     return (
         f"{sim_s:5.0f} s  {decision.phase.value:<8}  λ stereo {_px(percept.stereo_px)}  "
         f"mono {_px(percept.mono_px)}  {decision.cue.value:<6}  {decision.state.value:<8}  "
-        f"turns {decision.turns:2d}  overrides {decision.overrides:2d}  {factor:.1f}x"
+        f"turns {decision.turns:2d}  overrides {decision.overrides:2d}  {_factor(factor)}"
     )
 
 
 def _px(value: float) -> str:
     return "   – px" if math.isnan(value) else f"{value:4.1f} px"
+
+
+def _factor(value: float) -> str:
+    """Times real time; unknown at the first frame."""
+    return "–" if math.isnan(value) else f"{value:.1f}x"

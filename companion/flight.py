@@ -2,7 +2,9 @@
 
 import asyncio
 import logging
+import shutil
 import signal
+from collections.abc import Coroutine
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -25,6 +27,11 @@ from companion.summary import FlightFacts, Summary, summarise
 LOG_NAME = "flight.mcap"
 MODEL_NAME = "model.npz"
 SUMMARY_NAME = "summary.json"
+SUMMARY_BYTES = 4096
+"""Taken on the disk before take-off, so that a disk that fills up in flight still gets the summary;
+a companion that is killed leaves the one written then.
+"""
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 logger = logging.getLogger(__name__)
 
@@ -62,72 +69,85 @@ class _Record:
     def __init__(self) -> None:
         self.facts = FlightFacts()
         self.pipeline: Pipeline | None = None
+        """None until the log is open: before that, there is nothing to leave."""
+        self.over = False
+        """Landed; only the devices are left to close."""
 
 
 async def fly_plan(order: FlightOrder, observer: Observer) -> Summary:
     """Flies; always leaves the log, the model and summary.json, also when the flight fails.
 
-    Raises CompanionError when nothing could fly; a failed or aborted flight is in the summary.
+    Raises CompanionError when nothing could fly, and takes the log folder away then; a failed or
+    aborted flight is in the summary.
     """
     record = _Record()
     try:
-        async with (
-            open_rig(order.vehicle, order.camera, _request(order)) as rig,
-            rig.camera,
-            rig.vehicle,
-        ):
-            await _fly_with(rig, order, observer, record)
+        await _run_until_stopped(_open_and_fly(order, observer, record), record)
     except CompanionError as error:
         if record.pipeline is None:
+            shutil.rmtree(order.log_dir, ignore_errors=True)
             raise
         record.facts.outcome, record.facts.reason = "failed", str(error)
     assert record.pipeline is not None
-    summary = summarise(order.plan, order.plan_path.stem, record.pipeline, record.facts)
-    _leave(order.log_dir, summary, record.pipeline)
-    return summary
+    return _leave(order, record.pipeline, record.facts)
 
 
-async def _fly_with(rig: Rig, order: FlightOrder, observer: Observer, record: _Record) -> None:
-    facts = record.facts
-    pipeline = record.pipeline = _pipeline(order, rig)
-    began_wall_s = wall_s()
-    with _open_log(order, rig) as log:
-        flight = Flight(rig, pipeline, log, _counting(observer, facts))
-        try:
-            await _run(flight, facts)
-        finally:
-            facts.wall_s = wall_s() - began_wall_s
-            facts.sim_s = flight.flown_s
-            facts.frames_dropped = rig.camera.frames_dropped
-            facts.collisions = flight.truth.collisions
-            facts.minimum_clearance_m = flight.truth.minimum_clearance_m
-
-
-async def _run(flight: Flight, facts: FlightFacts) -> None:
-    """Runs the flight so that SIGINT and SIGTERM cancel it; fills in how it ended."""
-    loop, task = asyncio.get_running_loop(), asyncio.ensure_future(flight.run())
+async def _run_until_stopped(flying: Coroutine[None, None, None], record: _Record) -> None:
+    """Runs it so that the first SIGINT or SIGTERM cancels it. Raises CompanionError."""
+    loop, task = asyncio.get_running_loop(), asyncio.ensure_future(flying)
     received: list[signal.Signals] = []
 
     def stop(number: signal.Signals) -> None:
-        logger.warning("%s: %s", number.name, "landing" if not received else "already landing")
-        if not received:
-            task.cancel()
+        doing = "landing" if record.pipeline and not record.over else "ending"
+        if received or record.over:
+            logger.warning("%s: already %s", number.name, doing)
+            return
+        logger.warning("%s: %s", number.name, doing)
         received.append(number)
+        task.cancel()
 
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in STOP_SIGNALS:
         loop.add_signal_handler(number, stop, number)
     try:
         await task
-        facts.outcome = "flown"
     except asyncio.CancelledError:
         if not received:
             raise
-        facts.outcome, facts.reason = "aborted", f"stopped by {received[0].name}"
-    except CompanionError as error:
-        facts.reason = str(error)
+        reason = f"stopped by {received[0].name}"
+        if record.pipeline is None:
+            raise CompanionError(f"{reason} before take-off") from None
+        record.facts.outcome, record.facts.reason = "aborted", reason
     finally:
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in STOP_SIGNALS:
             loop.remove_signal_handler(number)
+
+
+async def _open_and_fly(order: FlightOrder, observer: Observer, record: _Record) -> None:
+    async with (
+        open_rig(order.vehicle, order.camera, order.speed, _request(order)) as rig,
+        rig.camera,
+        rig.vehicle,
+    ):
+        pipeline = _pipeline(order, rig)
+        with _open_log(order, rig) as log:
+            _reserve_summary(order, pipeline)
+            record.pipeline = pipeline
+            await _fly(Flight(rig, pipeline, log, _counting(observer, record.facts)), record)
+
+
+async def _fly(flight: Flight, record: _Record) -> None:
+    facts = record.facts
+    began_wall_s = wall_s()
+    try:
+        await flight.run()
+        facts.outcome = "flown"
+    finally:
+        record.over = True
+        facts.wall_s = wall_s() - began_wall_s
+        facts.sim_s = flight.flown_s
+        facts.frames_dropped = flight.rig.camera.frames_dropped
+        facts.collisions = flight.truth.collisions
+        facts.minimum_clearance_m = flight.truth.minimum_clearance_m
 
 
 def _request(order: FlightOrder) -> SimulationRequest | None:
@@ -167,11 +187,38 @@ def _counting(observer: Observer, facts: FlightFacts) -> Observer:
     return count
 
 
-def _leave(log_dir: Path, summary: Summary, pipeline: Pipeline) -> None:
-    """The summary and the learned model, beside the log."""
+def _reserve_summary(order: FlightOrder, pipeline: Pipeline) -> None:
+    killed = FlightFacts(reason="the companion was killed in flight")
+    summary = summarise(order.plan, order.plan_path.stem, pipeline, killed)
+    text = _json(summary).ljust(SUMMARY_BYTES)
+    path = order.log_dir / SUMMARY_NAME
     try:
-        text = msgspec.json.format(msgspec.json.encode(summary), indent=2)
-        (log_dir / SUMMARY_NAME).write_bytes(text + b"\n")
+        path.write_bytes(text)
     except OSError as error:
-        raise CompanionError(f"{log_dir}: cannot be written: {error.strerror}") from error
-    save_model(log_dir / MODEL_NAME, pipeline.learner.state(), pipeline.matcher.calibration)
+        raise CompanionError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def _leave(order: FlightOrder, pipeline: Pipeline, facts: FlightFacts) -> Summary:
+    """The learned model and the summary, beside the log."""
+    try:
+        save_model(
+            order.log_dir / MODEL_NAME, pipeline.learner.state(), pipeline.matcher.calibration
+        )
+    except CompanionError as error:
+        if facts.outcome == "flown":
+            facts.outcome, facts.reason = "failed", str(error)
+        else:
+            logger.error("%s", error)  # the flight's own error says more
+    summary = summarise(order.plan, order.plan_path.stem, pipeline, facts)
+    path = order.log_dir / SUMMARY_NAME
+    try:
+        with path.open("r+b") as file:
+            file.write(_json(summary))
+            file.truncate()
+    except OSError as error:
+        raise CompanionError(f"{path}: cannot be written: {error.strerror}") from error
+    return summary
+
+
+def _json(summary: Summary) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n"

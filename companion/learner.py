@@ -47,7 +47,7 @@ class LearnerSettings(Settings, frozen=True):
     """"roc" takes the highest threshold that reached ``wanted_tpr`` on the samples so far."""
     threshold_px: Annotated[float, Meta(gt=0.0)] | None = None
     """The fixed threshold; none means ``threshold_ratio`` times stereo's."""
-    threshold_ratio: Annotated[float, Meta(gt=0.0)] = 0.87
+    threshold_ratio: Annotated[float, Meta(gt=0.0)] = 1.0
     """Below 1, one eye turns earlier than two (section III-E), and so learns what is near."""
     wanted_tpr: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.96
     k: Annotated[int, Meta(ge=1, le=64)] = 5

@@ -33,11 +33,11 @@ class Heartbeat:
     def __init__(self, now_s: float) -> None:
         self.percept_s = now_s
         self.telemetry_s = now_s
-        self._telemetry_stamp_ns = -1
+        self.telemetry_stamp_ns = -1
 
     def saw_telemetry(self, telemetry: Telemetry, now_s: float) -> None:
-        if telemetry.stamp_ns != self._telemetry_stamp_ns:
-            self._telemetry_stamp_ns = telemetry.stamp_ns
+        if telemetry.stamp_ns != self.telemetry_stamp_ns:
+            self.telemetry_stamp_ns = telemetry.stamp_ns
             self.telemetry_s = now_s
 
 

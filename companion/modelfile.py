@@ -42,6 +42,7 @@ def save_model(path: Path, state: LearnerState, calibration: StereoCalibration) 
             os.fsync(file.fileno())
         unfinished.replace(path)
     except OSError as error:
+        unfinished.unlink(missing_ok=True)
         raise CompanionError(f"{path}: model cannot be written: {error.strerror}") from error
 
 

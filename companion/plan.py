@@ -77,9 +77,9 @@ def room_path(plan: Plan, plan_path: Path) -> Path:
 
 def _apply_override(table: dict[str, Any], override: str) -> None:
     key, equals, text = override.partition("=")
-    if not equals or not key.strip():
-        raise PlanError(f"--set {override}: must be KEY=VALUE, e.g. experiment.scheme=dagger")
     *parents, last = key.strip().split(".")
+    if not equals or not last or not all(parents):
+        raise PlanError(f"--set {override}: must be KEY=VALUE, e.g. experiment.scheme=dagger")
     for parent in parents:
         table = table.setdefault(parent, {})
         if not isinstance(table, dict):

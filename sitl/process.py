@@ -26,6 +26,8 @@ READY_LIMIT_S = 120.0
 """Wall time until the child says that it is ready; compiling for a cold cache takes most of it."""
 END_LIMIT_S = 5.0
 KEPT_ERROR_LINES = 5
+LAST_WORD = "sitl: "
+"""How the child's last line begins when it ends in an error: the text of ours, so not logged."""
 
 
 class ReadyLine(msgspec.Struct, frozen=True, kw_only=True):
@@ -109,7 +111,8 @@ async def _relay_errors(process: Process, errors: deque[str]) -> None:
     assert process.stderr is not None
     async for line in process.stderr:
         errors.append(line.decode(errors="replace").rstrip())
-        logger.warning("%s", errors[-1])
+        if not errors[-1].startswith(LAST_WORD):
+            logger.warning("%s", errors[-1])
 
 
 async def _await_ready(
@@ -135,7 +138,7 @@ async def _await_ready(
 def _death(process: Process, errors: deque[str], what: str) -> CompanionError:
     """The child's last words; a mistake in the plan stays one."""
     code = process.returncode
-    said = errors[-1].removeprefix("sitl: ") if errors else "it said nothing"
+    said = errors[-1].removeprefix(LAST_WORD) if errors else "it said nothing"
     if code == PlanError.exit_code:
         return PlanError(said)
     return SimulatorError(f"the simulator {what} (exit code {code}): {said}")

@@ -30,6 +30,7 @@ _MOCAP_KEPT: Final = 600 * MOCAP_HZ  # poses that wait for a reader; then the ol
 # or the feet to the floor in a fall.
 _NEAR_M: Final = 0.15
 _FLOOR: Final[Vector3] = (0.0, 0.0, -1.0)
+_LEVEL: Final = 0.9  # cosine of the steepest top that one can land on
 _FLOOR_CONTACT_M: Final = 0.002  # height of the feet; a loaded foot gives way by as much
 
 
@@ -161,10 +162,14 @@ class World:
             self._pushed = self.clearance_m < 0.0
             self.airframe.push(push_ned_n(self.clearance_m, normal, state.velocity_ned_m_s))
         if self.crashed is None:
-            if self.autopilot.airborne:
+            if self.autopilot.airborne and not self._sets_down_on(normal):
                 self.minimum_clearance_m = min(self.minimum_clearance_m, self.clearance_m)
                 self._count(self._walls, self.clearance_m, normal, "the room")
             self._touch_floor(feet_m)
+
+    def _sets_down_on(self, normal: Vector3) -> bool:
+        """Whether this is a landing on a desk: a touchdown, not a collision."""
+        return self.autopilot.status.mode is FlightMode.LAND and normal[2] < -_LEVEL
 
     def _touch_floor(self, feet_m: float) -> None:
         """The floor is where take-off and landing happen; elsewhere it is an obstacle like any."""

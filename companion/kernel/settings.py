@@ -1,9 +1,10 @@
 """Settings are frozen values read from TOML; every key is checked, and errors name it."""
 
 import difflib
+import re
 import tomllib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
 
@@ -37,16 +38,37 @@ def convert_settings(table: dict[str, Any], kind: type[T], source: str) -> T:
     except msgspec.ValidationError as error:
         text, _, where = str(error).partition(" - at `$")
         key = where.rstrip("`").lstrip(".")
+        choices = _choices_at(kind, key)
+        if choices:
+            text = f"{text}; allowed: {', '.join(map(str, choices))}"
         raise PlanError(f"{source}: {key or 'top level'}: {text}") from error
+
+
+def _choices_at(kind: object, key: str) -> tuple[object, ...]:
+    """The words that may stand at this key; none where it holds something else."""
+    for part in re.findall(r"[^.\[\]]+", key):
+        if _is_struct(kind):
+            kind = _field_types(kind).get(part)
+        else:
+            kind = next(iter(get_args(kind)), None)
+    return get_args(kind) if get_origin(kind) is Literal else ()
+
+
+def _is_struct(kind: object) -> bool:
+    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+
+
+def _field_types(kind: Any) -> dict[str, Any]:  # noqa: ANN401 - a Struct's own class
+    return {field.encode_name: field.type for field in msgspec.structs.fields(kind)}
 
 
 def _refuse_unknown(
     table: dict[str, Any], kind: object, source: str, prefix: tuple[str, ...]
 ) -> None:
     """msgspec names the first unknown key but not the allowed ones; a user needs both."""
-    if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct)):
+    if not _is_struct(kind):
         return
-    fields = {field.encode_name: field.type for field in msgspec.structs.fields(kind)}
+    fields = _field_types(kind)
     for key, value in table.items():
         path = ".".join((*prefix, key))
         if key not in fields:
@@ -57,3 +79,8 @@ def _refuse_unknown(
             )
         if isinstance(value, dict):
             _refuse_unknown(value, fields[key], source, (*prefix, key))
+        elif isinstance(value, list):
+            item_kind = next(iter(get_args(fields[key])), None)
+            for place, item in enumerate(value):
+                if isinstance(item, dict):
+                    _refuse_unknown(item, item_kind, source, (*prefix, f"{key}[{place}]"))

@@ -5,6 +5,10 @@ from typing import Any, TypeVar, cast
 
 from numba import njit
 
+FASTMATH = {"nnan", "ninf", "nsz", "contract"}
+"""Without reassociation: it depends on how code is inlined, so that a kernel just compiled and one
+from the cache would differ in the last bit, and the same seed would give two flights."""
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -13,5 +17,5 @@ def kernel(function: F) -> F:
 
     Divides as NumPy does: a check for zero would keep loops from becoming vector instructions.
     """
-    compiled = njit(cache=True, fastmath=True, nogil=True, error_model="numpy")(function)
+    compiled = njit(cache=True, fastmath=FASTMATH, nogil=True, error_model="numpy")(function)
     return cast(F, compiled)

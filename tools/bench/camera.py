@@ -67,6 +67,10 @@ class PlainRenderer:
         along = np.where(axis == 0, hit[..., 1:2], hit[..., 0:1])
         across = np.where(axis == 2, hit[..., 1:2], hit[..., 2:3])
         scale = TEXTURE_PX / np.ptp(self._bounds_ned_m)
-        places = (np.concatenate([along, across], axis=-1) * scale % TEXTURE_PX).astype(np.float32)
-        seen = cv2.remap(self._texture, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        along_px, across_px = (
+            (place[..., 0] * scale % TEXTURE_PX).astype(np.float32) for place in (along, across)
+        )
+        seen = cv2.remap(
+            self._texture, along_px, across_px, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
+        )
         return np.asarray(seen, dtype=np.uint8)
