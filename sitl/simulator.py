@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.kernel.errors import PlanError
 from companion.kernel.frames import Vector3, quaternion_from_euler
-from companion.kernel.messages import LandedState, MocapPose
+from companion.kernel.messages import FlightMode, LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
 from sitl.hull import (
