@@ -13,6 +13,7 @@ from msgspec import Meta
 from numba import njit
 from numpy.typing import NDArray
 
+from companion.kernel.fastmath import FASTMATH
 from companion.kernel.settings import Settings
 
 Grey = NDArray[np.uint8]
@@ -225,7 +226,7 @@ def _train(nodes, samples, done_norm, step_norm, rate_start, rate_end):  # type:
     "void(u1[:,::1], i8[:,::1], f4[:,::1], f4[::1], i8, f8, f4[::1])",
     cache=True,
     nogil=True,
-    fastmath=True,
+    fastmath=FASTMATH,
 )
 def _encode(image, places, weights, offsets, n_intensity, entropy_scale, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     n_textons = len(offsets)

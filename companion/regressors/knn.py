@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from companion.kernel.fastmath import FASTMATH
 from companion.regressors.base import Arrays, Floats
 
 TILE = 128
@@ -163,7 +164,7 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         self.targets_ = np.concatenate([self.targets_, np.zeros(extra * TILE)])
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=FASTMATH)
 def _distances(tile, query, distance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Squared distance of every sample in the tile."""
     distance[:] = 0.0

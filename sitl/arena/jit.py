@@ -5,9 +5,7 @@ from typing import Any, TypeVar, cast
 
 from numba import njit
 
-FASTMATH = {"nnan", "ninf", "nsz", "contract"}
-"""Without reassociation: it depends on how code is inlined, so that a kernel just compiled and one
-from the cache would differ in the last bit, and the same seed would give two flights."""
+from companion.kernel.fastmath import FASTMATH
 
 F = TypeVar("F", bound=Callable[..., Any])
 
