@@ -44,10 +44,10 @@ class Flight:
             await vehicle.take_off(self._plan.behaviour.height_m)
             await vehicle.start_offboard(Setpoint(stamp_ns=vehicle.telemetry().stamp_ns))
             await self._fly_and_watch()
-        except BaseException:
+            await self._end(began_ns, best_effort=False)
+        except BaseException:  # an interrupted landing begins again
             await self._end(began_ns, best_effort=True)
             raise
-        await self._end(began_ns, best_effort=False)
 
     async def _fly_and_watch(self) -> None:
         heartbeat = self._heartbeat = Heartbeat(self.rig.clock.now_s())

@@ -34,6 +34,20 @@ app = typer.Typer(
 PlanArgument = Annotated[
     Path, typer.Argument(help="Flight plan (TOML); see flightplans/README.md.")
 ]
+VehicleOption = Annotated[
+    str,
+    typer.Option(
+        help="sitl: own process, through MAVLink; lockstep: in this process, on simulated "
+        "time; or the MAVLink URL of any autopilot, e.g. udpin://0.0.0.0:14540."
+    ),
+]
+CameraOption = Annotated[
+    str,
+    typer.Option(help="sitl; a frame server's tcp:// URL; device:N?calibration=FILE; a path."),
+]
+PositiveOption = Annotated[
+    float | None, typer.Option(help="λ of a positive [px]; default: the plan's threshold.")
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -67,17 +81,8 @@ def _setup(
 @app.command()
 def fly(
     plan: PlanArgument,
-    vehicle: Annotated[
-        str,
-        typer.Option(
-            help="sitl: own process, through MAVLink; lockstep: in this process, on simulated "
-            "time; or the MAVLink URL of any autopilot, e.g. udpin://0.0.0.0:14540."
-        ),
-    ] = "sitl",
-    camera: Annotated[
-        str,
-        typer.Option(help="sitl; a frame server's tcp:// URL; device:N?calibration=FILE; a path."),
-    ] = "sitl",
+    vehicle: VehicleOption = "sitl",
+    camera: CameraOption = "sitl",
     speed: Annotated[
         float, typer.Option(min=0.1, max=100, help="Times real time; 1 for real vehicles.")
     ] = 1.0,
@@ -117,9 +122,7 @@ def learn(
     plan: Annotated[Path | None, typer.Option(help="Stereo and learner settings.")] = None,
     train: Annotated[list[Path] | None, typer.Option(help="Learn on these, then freeze.")] = None,
     test: Annotated[list[Path] | None, typer.Option(help="Score on these.")] = None,
-    positive_threshold: Annotated[
-        float | None, typer.Option(help="λ of a positive [px]; default: the plan's threshold.")
-    ] = None,
+    positive_threshold: PositiveOption = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Write the figures here.")
     ] = None,

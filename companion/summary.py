@@ -11,6 +11,7 @@ from companion.plan import Plan
 from companion.scorecard import Account
 
 Outcome = Literal["flown", "failed", "aborted"]
+FLOWN_PHASES = (Phase.INITIAL, Phase.LEARNING, Phase.TEST)
 
 
 class PhaseSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -84,12 +85,8 @@ class FlightFacts(msgspec.Struct, kw_only=True):
 def summarise(plan: Plan, plan_name: str, pipeline: Pipeline, facts: FlightFacts) -> Summary:
     """The summary of a flight, finished or not."""
     accounts = pipeline.scorecard.accounts
-    flown = [accounts[phase] for phase in (Phase.INITIAL, Phase.LEARNING, Phase.TEST)]
-    phases = {
-        phase.value: _phase_summary(account)
-        for phase, account in accounts.items()
-        if phase is not Phase.DONE
-    }
+    flown = [accounts[phase] for phase in FLOWN_PHASES]
+    phases = {phase.value: _phase_summary(accounts[phase]) for phase in FLOWN_PHASES}
     test = phases[Phase.TEST.value]
     test_min = (test.stereo_flight_s + test.mono_flight_s) / 60.0
     return Summary(

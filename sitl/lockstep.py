@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -130,7 +130,10 @@ class LockstepVehicle(_Opened):
         )
 
     async def take_off(self, height_m: float) -> None:
-        await self._run_until(lambda: self._autopilot.status.ready_to_arm, READY_LIMIT_S, "ready")
+        with suppress(VehicleError):  # arming then says what is missing
+            await self._run_until(
+                lambda: self._autopilot.status.ready_to_arm, READY_LIMIT_S, "ready"
+            )
         self._accept(self._autopilot.arm(), "arm")
         self._accept(self._autopilot.take_off(height_m), "take off")
         await self._run_until(lambda: self._hovers_at(height_m), CLIMB_LIMIT_S, "at height")

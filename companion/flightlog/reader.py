@@ -98,7 +98,9 @@ class FlightLog:
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be read: {error.strerror}") from error
         except _DAMAGE as error:
-            raise RecordingError(f"{self.path}: not a flight log (MCAP): {error}") from error
+            raise RecordingError(
+                f"{self.path}: not a flight log (MCAP): {str(error) or 'cut off'}"
+            ) from error
         raise RecordingError(f"{self.path}: an MCAP file, but not the log of a flight")
 
     def _count_records(self) -> Counter[str]:

@@ -17,8 +17,8 @@ from companion.plan import Plan, load_plan
 from companion.summary import Summary
 
 PLAN = Path(__file__).parents[2] / "flightplans" / "office.toml"
-LIMIT_S = 60.0
-"""Wall time, for whatever a test waits for."""
+LIMIT_S = 110.0
+"""Wall time, for whatever a test waits for; compiling for a cold cache takes most of it."""
 
 
 class Flown(NamedTuple):
@@ -62,9 +62,12 @@ class Companion:
             preexec_fn=preexec,
         )
 
-    def wait_until_flying(self):
-        first = self.process.stderr.readline()
-        assert first.startswith("    0 s  initial"), first + self.process.stderr.read()
+    def wait_until_flying(self, flown_s=0):
+        """Until the progress line of this time, of those that come every 30 s."""
+        passed = []
+        while not (passed and passed[-1].startswith(f"{flown_s:5d} s  ")):
+            passed.append(self.process.stderr.readline())
+            assert passed[-1], passed  # it ended
 
     def signal(self, number):
         self.process.send_signal(number)
