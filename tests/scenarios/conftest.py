@@ -73,10 +73,9 @@ class Companion:
         self.process.send_signal(number)
 
     def kill_simulator(self):
-        found = subprocess.run(
-            ["pgrep", "-P", str(self.process.pid)], capture_output=True, text=True, check=True
-        )
-        os.kill(int(found.stdout.split()[0]), signal.SIGKILL)
+        pid = self.process.pid
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        os.kill(int(children[0]), signal.SIGKILL)
 
     def wait(self):
         """(exit code, lines on stderr since last read)."""
