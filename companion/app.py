@@ -63,6 +63,7 @@ class Flight:
 
     async def _end(self, began_ns: int, *, best_effort: bool) -> None:
         """Hold and land. When the flight already failed, its error is the one to report."""
+        self.truth.begin_landing()
         try:
             now = self.rig.vehicle.telemetry()
             if now.armed and now.flight_mode in PILOT_MODES:

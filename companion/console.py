@@ -85,12 +85,11 @@ def print_result(console: Console, summary: Summary, log_dir: str) -> None:
 
 def print_learning(console: Console, report: LearningReport) -> None:
     """How well one eye learned from recordings."""
-    table = Table(
-        title=f"one eye against two, positives above λ = {report.positive_threshold_px} px"
-    )
+    table = Table(title="one eye against two")
     table.add_column("")
     table.add_column("", justify="right")
     rows = {
+        "Positive: λ above, px": format_figure(report.positive_threshold_px),
         "Frames read": str(report.n_frames),
         "Frames learned from": str(report.n_train),
         "Frames scored": str(report.n_test),
