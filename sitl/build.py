@@ -5,16 +5,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.kernel.calibration import StereoCalibration
-from companion.kernel.frames import matrix_from_euler
+from companion.kernel.frames import Vector3, matrix_from_euler
 from companion.kernel.messages import StereoFrame
 from companion.kernel.settings import convert_settings
+from sitl.airframe import AirframeState
 from sitl.arena.camera import StereoCameraModel
 from sitl.arena.contact import RoomContact
 from sitl.arena.room import load_room
 from sitl.settings import SitlSettings
 from sitl.simulator import World
+
+BLUR_POSES = 5
+"""Views averaged for motion blur: at this resolution more look the same."""
 
 CAMERA_STREAM = 1
 """Key of the camera's random numbers among those spawned from the seed; the world's is 0."""
@@ -32,11 +37,22 @@ class MountedCamera:
         return self._model.calibration
 
     def expose(self) -> StereoFrame:
-        """The pair as of now."""
-        truth = self._world.truth
-        return self._model.render(
-            truth.position_ned_m, matrix_from_euler(*truth.euler_rad), self._world.stamp_ns
-        )
+        """The pair as of now: the middle of the exposure."""
+        truth, exposure_s = self._world.truth, self._model.settings.exposure_s
+        offsets_s = np.linspace(-0.5, 0.5, BLUR_POSES) * exposure_s if exposure_s > 0.0 else (0.0,)
+        poses = [_pose_at(truth, float(offset_s)) for offset_s in offsets_s]
+        return self._model.render_exposure(poses, self._world.stamp_ns)
+
+
+def _pose_at(truth: AirframeState, offset_s: float) -> tuple[Vector3, NDArray[np.float64]]:
+    """Position and ``ned_from_frd`` this much later, motion going on as it is."""
+    north_m, east_m, down_m = (
+        place_m + speed_m_s * offset_s
+        for place_m, speed_m_s in zip(truth.position_ned_m, truth.velocity_ned_m_s, strict=True)
+    )
+    # The angles turned in half an exposure are small, so that their order does not matter.
+    turned = matrix_from_euler(*(rate * offset_s for rate in truth.rates_frd_rad_s))
+    return (north_m, east_m, down_m), matrix_from_euler(*truth.euler_rad) @ turned
 
 
 class Simulation:

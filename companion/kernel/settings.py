@@ -1,6 +1,7 @@
 """Settings are frozen values read from TOML; every key is checked, and errors name it."""
 
 import difflib
+import math
 import re
 import tomllib
 from pathlib import Path
@@ -33,6 +34,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 def convert_settings(table: dict[str, Any], kind: type[T], source: str) -> T:
     """``table`` as a value of ``kind``. Raises PlanError: source, key path, what is allowed."""
     _refuse_unknown(table, kind, source, ())
+    _refuse_not_finite(table, source, "")
     try:
         return msgspec.convert(table, kind)
     except msgspec.ValidationError as error:
@@ -84,3 +86,15 @@ def _refuse_unknown(
             for place, item in enumerate(value):
                 if isinstance(item, dict):
                     _refuse_unknown(item, item_kind, source, (*prefix, f"{key}[{place}]"))
+
+
+def _refuse_not_finite(value: object, source: str, path: str) -> None:
+    """TOML knows nan and inf; no setting does, and limits would let a NaN pass."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            _refuse_not_finite(item, source, f"{path}.{key}" if path else key)
+    elif isinstance(value, list):
+        for place, item in enumerate(value):
+            _refuse_not_finite(item, source, f"{path}[{place}]")
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise PlanError(f"{source}: {path}: {value}; must be a finite number")

@@ -64,6 +64,8 @@ class CameraSettings(Settings, frozen=True):
     """Mean grey value that automatic exposure steers to."""
     exposure_frames: Annotated[float, Meta(ge=1.0)] = 4.0
     """Frames in which automatic exposure covers 63 % of a change."""
+    exposure_s: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.0
+    """Time that the shutter is open, for motion blur; 0 freezes the motion."""
 
 
 class _Half(NamedTuple):

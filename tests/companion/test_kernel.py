@@ -64,6 +64,7 @@ def test_axes_point_where_the_names_say():
         ({"inner": {"sped_m_s": 1}}, ["inner.sped_m_s", "unknown key", "speed_m_s"]),
         ({"inner": {"speed_m_s": "1 km/h"}}, ["inner.speed_m_s", "float", "str"]),
         ({"inner": {"speed_m_s": -1.0}}, ["inner.speed_m_s", "> 0"]),
+        ({"inner": {"speed_m_s": math.nan}}, ["inner.speed_m_s", "nan", "finite"]),
         ({"inner": 3}, ["inner", "int"]),
         ({"cout": 3}, ["cout", "did you mean 'count'", "count, inner"]),
     ],
