@@ -12,7 +12,7 @@ class CompanionError(Exception):
 
 
 class PlanError(CompanionError):
-    """A plan, room, recording or option is not what it must be; found before anything moves."""
+    """A plan, room, model or option is not what it must be; found before anything moves."""
 
     exit_code = EXIT_USAGE
 
