@@ -62,9 +62,7 @@ class FlownFlight:
     def truth(self) -> Columns:
         """The motion capture's record nearest to each frame. Raises RecordingError without any."""
         if not self.has_truth:
-            raise RecordingError(
-                f"{self.path}: holds no truth; it needs a flight with {Topic.MOCAP}"
-            )
+            raise RecordingError(f"{self.path}: no truth: nothing on {Topic.MOCAP}")
         mocap = self.log.columns(Topic.MOCAP)
         between_ns = (mocap["stamp_ns"][1:] + mocap["stamp_ns"][:-1]) // 2
         nearest = np.searchsorted(between_ns, self.decision["stamp_ns"])
@@ -75,8 +73,9 @@ class FlownFlight:
         """(n_frames, 2): north and east; the truth where it is known, else the estimate."""
         if self.has_truth:
             return self.truth["truth_position_ned_m"][:, :2]
-        count = len(self.decision["stamp_ns"])
-        return self.log.columns(Topic.TELEMETRY)["position_ned_m"][:count, :2]
+        place_m = self.log.columns(Topic.TELEMETRY)["position_ned_m"][:, :2]
+        frames = np.arange(len(self.decision["stamp_ns"]))
+        return place_m[np.minimum(frames, len(place_m) - 1)]  # the last may be cut off
 
     def in_phase(self, phase: str) -> NDArray[np.bool_]:
         """(n_frames,); ``phase`` may be "all"."""
@@ -114,9 +113,7 @@ class FlownFlight:
         """The room in ``path``, or the shipped one that the plan names. Raises PlanError."""
         path = path or ROOMS / f"{self.room_name}.toml"
         if not path.is_file():
-            raise PlanError(
-                f"{self.path}: room {self.room_name!r} is not a shipped one; give --room"
-            )
+            raise PlanError(f"{self.path}: no shipped room {self.room_name!r}; give --room")
         return load_room(path)
 
 

@@ -201,7 +201,7 @@ def _observe(flight: FlownFlight, approach: Approach) -> Observed:
 
 
 def _share(part: float, whole: float) -> float:
-    return part / whole if whole else math.nan
+    return float(part / whole) if whole else math.nan
 
 
 ROWS = {
