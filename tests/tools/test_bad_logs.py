@@ -5,7 +5,7 @@ import importlib
 import pytest
 
 READERS = ("risk", "table2", "heatmap", "roc", "flightpath", "textons", "picture")
-GATHERERS = ("table2", "heatmap", "roc")
+GATHERERS = ("risk", "table2", "heatmap", "roc")
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from companion.modelfile import load_dictionary
 from companion.plan import Plan
 from sitl.arena.room import load_room
 from tools import flightpath, heatmap, look, risk, roc, table2, textons
+from tools.assessment import assess
 from tools.flown import ROOMS, FlownFlight
 
 ROTATE = BehaviourState.ROTATE
@@ -90,7 +91,7 @@ def test_risk_tells_what_was_observed(invent, story, moment, tmp_path, capsys):
 
 
 def test_risk_knows_no_collisions_without_the_truth(invent, story, capsys):
-    report = risk.assess(FlownFlight(invent(story, truth=False)))
+    report = assess(FlownFlight(invent(story, truth=False)))
     assert report.observed.collision is None
     assert report.observed.override == 0.0
     assert math.isnan(report.from_learning.tpr.value)
@@ -98,8 +99,23 @@ def test_risk_knows_no_collisions_without_the_truth(invent, story, capsys):
 
 def test_risk_repeats_itself(real_flight):
     flight = FlownFlight(real_flight.log_path)
-    one, other = (list(risk.table_lines(risk.assess(flight, seed=3))) for _ in range(2))
+    one, other = (list(risk.table_lines(assess(flight, seed=3))) for _ in range(2))
     assert one == other
+
+
+def test_risk_of_many_flights_adds_them_up(invent, story, moment, tmp_path, capsys):
+    override = moment(stereo_px=6.0, cue=Cue.STEREO, override=True)
+    before = [moment(phase=Phase.LEARNING), moment(phase=Phase.LEARNING, stereo_px=5.0)]
+    for name in ("a", "b"):
+        invent([*before, *story, override], name=name)
+    invent([moment()] * 5, name="c")  # without positives nothing is known
+    assert risk.main([str(tmp_path / "logs"), "--json", str(tmp_path / "risk.json")]) == 0
+    *_, all_flights = capsys.readouterr().out.splitlines()
+    assert all_flights.split()[-1] == "2"
+    reports = json.loads((tmp_path / "risk.json").read_text())
+    assert [report["flight"] for report in reports] == ["a", "b", "c"]
+    expected = sum(report["from_test"]["override"]["value"] or 0.0 for report in reports)
+    assert float(all_flights.split()[-2]) == pytest.approx(expected, rel=0.05)
 
 
 def test_table_2_is_the_same_from_summary_and_log(real_flight):
