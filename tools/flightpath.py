@@ -27,7 +27,7 @@ from sitl.settings import SitlSettings
 from tools.drawing import PHASES, draw_room, label_plan, run, save_figure, save_table
 from tools.flown import FlownFlight
 
-PERCENTILES_SHOWN = (1.0, 96.0)
+PERCENTILES_SHOWN = (1.0, 99.0)
 """Where the colour scales end."""
 
 
@@ -37,13 +37,14 @@ Values = NDArray[np.float64]
 class FlightPath(NamedTuple):
     """Per frame, all (n_frames,) but place_m (n_frames, 2), north and east; λ in pixels.
 
-    approach: number of the approach or of the turn after it. mono: mono flew. positive, detected:
-    what stereo and mono said of the obstacle; False where λ is unknown.
+    approach: number of the approach or of the turn after it. straight: not turning. mono: mono
+    flew. positive, detected: what stereo and mono said of the obstacle; False where λ is unknown.
     """
 
     time_s: Values
     place_m: Values
     approach: NDArray[np.int64]
+    straight: NDArray[np.bool_]
     theory_px: Values
     stereo_px: Values
     mono_px: Values
@@ -75,6 +76,7 @@ def path_of(flight: FlownFlight, room: Room, phase: str = "all") -> FlightPath:
         time_s=flight.time_s,
         place_m=flight.places_m,
         approach=flight.approach,
+        straight=decision["state"] == "straight",
         theory_px=theoretical_disparity_px(flight, room),
         stereo_px=percept["stereo_px"],
         mono_px=percept["mono_px"],
@@ -117,7 +119,7 @@ def draw(path: FlightPath, room: Room) -> Figure:
             linewidths=0,
             rasterized=True,
         )
-        figure.colorbar(dots, ax=axes, shrink=0.75, label="px")
+        figure.colorbar(dots, ax=axes, shrink=0.75, label="px", extend="max")
         if panel.numbered:
             _number(axes, path, panel.shown)
         axes.set_title(panel.title, fontsize=10)
@@ -126,14 +128,15 @@ def draw(path: FlightPath, room: Room) -> Figure:
 
 
 def panels_of(path: FlightPath) -> tuple[Panel, ...]:
-    """A to C share a scale, D to F another."""
+    """A to C share a scale, D to F another; those of straight flight: turns point at walls."""
     known = ~np.isnan(path.error_px)
     flown = path.mono & known
     false_positive = flown & ~path.positive & path.detected
     false_negative = flown & path.positive & ~path.detected
     everywhere = np.ones(len(path.time_s), bool)
-    lambdas = "viridis", _scale(np.concatenate([path.theory_px, path.stereo_px, path.mono_px]))
-    errors = "jet", (0.0, _scale(path.error_px)[1])
+    ahead = [cue_px[path.straight] for cue_px in (path.theory_px, path.stereo_px, path.mono_px)]
+    lambdas = "viridis", _scale(np.concatenate(ahead))
+    errors = "jet", (0.0, _scale(path.error_px[path.straight])[1])
     return (
         Panel("A  λ in theory", path.theory_px, everywhere, *lambdas, numbered=True),
         Panel("B  stereo's λ", path.stereo_px, everywhere, *lambdas),
@@ -145,7 +148,7 @@ def panels_of(path: FlightPath) -> tuple[Panel, ...]:
 
 
 def _scale(value_px: Values) -> tuple[float, float]:
-    """A few extreme frames must not flatten all others."""
+    """Few extreme frames must not flatten all others."""
     known = value_px[~np.isnan(value_px)]
     if not len(known):
         return 0.0, 1.0
