@@ -81,10 +81,13 @@ class Session:
         self.stereo_px.clear()
 
     def threshold_px(self, positive_threshold_px: float) -> float:
-        """As in flight: fixed, or chosen on the frames scored so far where they have positives."""
+        """As in flight: fixed, or chosen on the frames scored so far where they have positives.
+
+        A recording has no approaches to weigh a risk on: "risk" is as "fixed" here.
+        """
         settings = self._plan.learner
         fixed_px = settings.fixed_threshold_px(positive_threshold_px)
-        if settings.threshold == "fixed":
+        if settings.threshold != "roc":
             return fixed_px
         chosen_px = threshold_for_tpr_px(
             self.mono_px, self.stereo_px, positive_threshold_px, settings.wanted_tpr

@@ -43,13 +43,19 @@ class LearnerSettings(Settings, frozen=True):
     eye: Literal["left", "right"] = "left"
     label: Label = "mean"
     """What stereo's λ is: mean of the disparities, or the value that the top 24 % exceed."""
-    threshold: Literal["fixed", "roc"] = "fixed"
-    """"roc" takes the highest threshold that reached ``wanted_tpr`` on the samples so far."""
+    threshold: Literal["fixed", "roc", "risk"] = "fixed"
+    """"roc" takes the highest threshold that reached ``wanted_tpr`` on the samples so far; "risk"
+    one that keeps the two wishes below, the first of them before the second."""
     threshold_px: Annotated[float, Meta(gt=0.0)] | None = None
     """The fixed threshold; none means ``threshold_ratio`` times stereo's."""
     threshold_ratio: Annotated[float, Meta(gt=0.0)] = 1.0
     """Below 1, one eye turns earlier than two (section III-E), and so learns what is near."""
     wanted_tpr: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.96
+    wanted_collision_probability: Annotated[float, Meta(gt=0.0, lt=1.0)] = 1e-3
+    """Of one approach to an obstacle."""
+    wanted_spurious_turns_per_m: Annotated[float, Meta(gt=0.0)] = 0.1
+    detection_distance_m: Annotated[float, Meta(gt=0.0)] = 1.0
+    """An obstacle that is detected only nearer than this counts as a collision."""
     k: Annotated[int, Meta(ge=1, le=64)] = 5
     smooth_frames: Annotated[int, Meta(ge=1, le=100)] = 4
     entropy_scale: Annotated[float, Meta(ge=0.0)] = 0.1

@@ -12,11 +12,14 @@ from companion.learner import Learner
 from companion.performance import threshold_for_tpr_px
 from companion.pilot import fly_to
 from companion.plan import Plan
+from companion.risk import Approach, Wishes, choose_threshold_px
 from companion.safety import Verdict, check
 from companion.scorecard import Account, Scorecard
 from companion.stereo import StereoMatcher
 from companion.switch import Choice, Switch, Thresholds
 from companion.textons import TextonDictionary
+
+PHASES_OF_LEARNING = (Phase.INITIAL, Phase.LEARNING)
 
 
 class Step(NamedTuple):
@@ -36,7 +39,8 @@ class Pipeline:
         calibration: StereoCalibration,
         dictionary: TextonDictionary | None = None,
     ) -> None:
-        switch_rng, behaviour_rng, learner_rng = np.random.default_rng(plan.seed).spawn(3)
+        rngs = np.random.default_rng(plan.seed).spawn(4)
+        switch_rng, behaviour_rng, learner_rng, self._risk_rng = rngs
         self.plan = plan
         self.matcher = StereoMatcher(plan.stereo, calibration, label=plan.learner.label)
         self.learner = Learner(plan.learner, learner_rng, dictionary)
@@ -114,17 +118,44 @@ class Pipeline:
         )
 
     def _choose_thresholds(self) -> Thresholds:
-        """Mono's comes from the ROC of all learning so far, where the plan says so."""
+        """Mono's comes from the samples of all learning so far, where the plan says so.
+
+        While those hold no positive it is the fixed one.
+        """
         behaviour, learner = self.plan.behaviour, self.plan.learner
         stereo_px = behaviour.turn_threshold_px
-        mono_px = learner.fixed_threshold_px(stereo_px)
+        chosen_px = math.nan
         if learner.threshold == "roc":
             chosen_px = self._threshold_from_roc_px(stereo_px, learner.wanted_tpr)
-            mono_px = mono_px if math.isnan(chosen_px) else chosen_px
+        elif learner.threshold == "risk":
+            chosen_px = self._threshold_from_risk_px(stereo_px)
+        mono_px = learner.fixed_threshold_px(stereo_px) if math.isnan(chosen_px) else chosen_px
         return Thresholds(stereo_px, mono_px, behaviour.override_threshold_px)
 
     def _threshold_from_roc_px(self, positive_px: float, wanted_tpr: float) -> float:
         """NaN while no positive was seen."""
-        seen = [self.scorecard.accounts[p].estimates() for p in (Phase.INITIAL, Phase.LEARNING)]
+        seen = [self.scorecard.accounts[phase].estimates() for phase in PHASES_OF_LEARNING]
         stereo_px, mono_px = (np.concatenate(values) for values in zip(*seen, strict=True))
         return threshold_for_tpr_px(mono_px, stereo_px, positive_px, wanted_tpr)
+
+    def _threshold_from_risk_px(self, positive_px: float) -> float:
+        """NaN while no positive was seen."""
+        learner = self.plan.learner
+        wishes = Wishes(
+            learner.wanted_collision_probability,
+            learner.wanted_spurious_turns_per_m,
+            learner.detection_distance_m,
+        )
+        approach = approach_of(self.plan, self.matcher.calibration)
+        samples = self.scorecard.approach_samples(PHASES_OF_LEARNING)
+        return choose_threshold_px(samples, approach, wishes, self._risk_rng)
+
+
+def approach_of(plan: Plan, calibration: StereoCalibration) -> Approach:
+    """The approach that the performance model (companion/risk.py) reckons with."""
+    return Approach(
+        rate_hz=plan.camera.rate_hz,
+        speed_m_s=plan.behaviour.forward_speed_m_s,
+        disparity_metre_px=calibration.disparity_metre_px,
+        positive_threshold_px=plan.behaviour.turn_threshold_px,
+    )

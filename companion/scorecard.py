@@ -4,6 +4,7 @@ One account per phase; the test phase is what the paper's tables report.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,11 @@ from numpy.typing import NDArray
 
 from companion.kernel.messages import BehaviourState, Cue, Percept, Phase
 from companion.performance import OnlinePerformance, roc_curve
+from companion.risk import Samples
 from companion.switch import Choice
+
+NO_APPROACH = 0
+"""Number of the approach of a frame that belongs to none: the vehicle was turning."""
 
 
 class Score(NamedTuple):
@@ -36,6 +41,7 @@ class Account:
         self._performance = OnlinePerformance(positive_threshold_px)
         self._stereo_px: list[float] = []
         self._mono_px: list[float] = []
+        self._approach: list[int] = []
 
     @property
     def approaches(self) -> int:
@@ -53,17 +59,25 @@ class Account:
         else:
             self.mono_approaches += 1
 
-    def add_estimate(self, percept: Percept, mono_threshold_px: float) -> None:
+    def add_estimate(self, percept: Percept, mono_threshold_px: float, in_approach: bool) -> None:
         """Only frames on which both cues know λ count."""
         if math.isnan(percept.stereo_px) or math.isnan(percept.mono_px):
             return
         self._performance.update(percept.mono_px, percept.stereo_px, mono_threshold_px)
         self._stereo_px.append(percept.stereo_px)
         self._mono_px.append(percept.mono_px)
+        self._approach.append(self.approaches if in_approach else NO_APPROACH)
 
     def estimates(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(stereo_px, mono_px) of the frames counted."""
         return np.array(self._stereo_px), np.array(self._mono_px)
+
+    def approach_samples(self) -> Samples:
+        """The frames counted that belong to an approach, numbered from 1 within the phase."""
+        approach = np.array(self._approach, dtype=np.int64)
+        flown = approach != NO_APPROACH
+        stereo_px, mono_px = self.estimates()
+        return Samples(stereo_px[flown], mono_px[flown], approach[flown])
 
     def score(self) -> Score:
         """Positives are frames with stereo λ above stereo's threshold."""
@@ -83,6 +97,16 @@ class Scorecard:
         self._overriding = False
         self._override_counted = False
 
+    def approach_samples(self, phases: Sequence[Phase]) -> Samples:
+        """Of these phases together; no two of their approaches share a number."""
+        parts = [self.accounts[phase].approach_samples() for phase in phases]
+        first = np.cumsum([0, *(self.accounts[phase].approaches for phase in phases)])
+        return Samples(
+            np.concatenate([part.stereo_px for part in parts]),
+            np.concatenate([part.mono_px for part in parts]),
+            np.concatenate([part.approach + n for part, n in zip(parts, first[:-1], strict=True)]),
+        )
+
     def record(
         self,
         percept: Percept,
@@ -95,11 +119,13 @@ class Scorecard:
         account = self.accounts[phase]
         if self._stamp_ns is not None:
             account.add_flight(choice.cue, (percept.stamp_ns - self._stamp_ns) * 1e-9)
-        account.add_estimate(percept, mono_threshold_px)
         straight = state is BehaviourState.STRAIGHT
         if straight and (self._state is not BehaviourState.STRAIGHT or phase is not self._phase):
             account.add_approach(choice.cue)
             self._override_counted = False
+        # The frame that ends an approach belongs to it: on it the obstacle was detected.
+        goes_on = self._state is BehaviourState.STRAIGHT and phase is self._phase
+        account.add_estimate(percept, mono_threshold_px, straight or goes_on)
         if self._state is BehaviourState.STRAIGHT and not straight:
             account.turns += 1
         if choice.override and not self._overriding and not self._override_counted:

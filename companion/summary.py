@@ -140,8 +140,8 @@ def _phase_summary(account: Account) -> PhaseSummary:
 def table_rows(summary: Summary) -> list[tuple[str, str]]:
     """The flight's column of the paper's Table II, with what the paper's text adds to it."""
     return [
-        ("Stereo flight time, m:ss", _minutes(summary.stereo_flight_s)),
-        ("Mono flight time, m:ss", _minutes(summary.mono_flight_s)),
+        ("Stereo flight time, m:ss", format_minutes(summary.stereo_flight_s)),
+        ("Mono flight time, m:ss", format_minutes(summary.mono_flight_s)),
         ("Mean square error, px²", format_figure(summary.mse)),
         ("False positive rate", format_figure(summary.fpr)),
         ("True positive rate", format_figure(summary.tpr)),
@@ -159,7 +159,8 @@ def table_rows(summary: Summary) -> list[tuple[str, str]]:
     ]
 
 
-def _minutes(duration_s: float) -> str:
+def format_minutes(duration_s: float) -> str:
+    """m:ss."""
     minutes, seconds = divmod(round(duration_s), 60)
     return f"{minutes}:{seconds:02d}"
 

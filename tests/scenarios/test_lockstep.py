@@ -112,3 +112,15 @@ def test_the_scheme_says_who_flies(fly_lockstep, scheme, learning_cue):
     for phase, cue in (("initial", "stereo"), ("learning", learning_cue), ("test", "mono")):
         cues = decisions["cue"][(decisions["phase"] == phase) & own_choice]
         assert set(cues) == {cue}
+
+
+def test_the_risk_seen_so_far_sets_monos_threshold(fly_lockstep):
+    words = ["experiment.initial_s=35", "experiment.learning_s=3", "experiment.test_s=2"]
+    one, other = (fly_lockstep(*words, "learner.threshold=risk") for _ in range(2))
+    fixed_px = one.plan.learner.fixed_threshold_px(one.plan.behaviour.turn_threshold_px)
+    decisions = one.log.columns("/decision")
+    flown_px = decisions["threshold_px"][decisions["cue"] == "mono"]
+    assert len(flown_px)
+    assert fixed_px not in flown_px  # stereo flew and met positives first
+    assert flown_px[-1] == one.summary.threshold_px
+    assert one.bytes_of("flight.mcap") == other.bytes_of("flight.mcap")

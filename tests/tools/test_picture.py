@@ -12,6 +12,7 @@ from companion.kernel.messages import (
     Telemetry,
 )
 from tools import picture
+from tools.flown import FlownFlight
 
 SECOND_NS = 1_000_000_000
 
@@ -68,7 +69,7 @@ def test_the_same_flight_gives_the_same_file(tmp_path):
 
 def test_each_panel_says_what_its_phase_counted(tmp_path):
     log = write_log(tmp_path / "flight.mcap", [Phase.INITIAL] * 2 + [Phase.TEST] * 2)
-    figure = picture.draw(picture.FlightLog(log), None)
+    figure = picture.draw(FlownFlight(log), None)
     titles = [axes.get_title() for axes in figure.subfigs[0].axes]
     assert titles == [
         "initial: 2 turns, 1 overrides",

@@ -1,0 +1,134 @@
+"""A flight as its log tells it, for the tools that draw and count."""
+
+from collections.abc import Iterable
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.flight import LOG_NAME
+from companion.flightlog import FlightLog, Topic
+from companion.kernel.errors import PlanError, RecordingError
+from companion.kernel.messages import Decision, Percept, Phase
+from companion.kernel.settings import convert_settings
+from companion.plan import Plan
+from companion.scorecard import Scorecard
+from companion.switch import Choice
+from sitl.arena.room import Room, load_room
+
+ROOMS = Path(__file__).parents[1] / "flightplans" / "rooms"
+
+Columns = dict[str, NDArray[Any]]
+
+
+class FlownFlight:
+    """One flight as its log tells it. Raises RecordingError, here or where a part is missing."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.log = FlightLog(path)
+        if not {Topic.DECISION, Topic.PERCEPT} <= set(self.log.topics()):
+            raise RecordingError(f"{path}: nothing was flown")
+        columns = (self.log.columns(topic) for topic in (Topic.DECISION, Topic.PERCEPT))
+        self.decision, self.percept = _together(*columns)
+
+    @property
+    def name(self) -> str:
+        """The log folder's name, which says when, what and with which seed."""
+        return self.path.resolve().parent.name if self.path.name == LOG_NAME else self.path.stem
+
+    @cached_property
+    def plan(self) -> Plan:
+        """The plan as it was flown; a log without one had all defaults."""
+        return convert_settings(dict(self.log.metadata.plan), Plan, f"{self.path}: plan")
+
+    @property
+    def room_name(self) -> str:
+        return Path(self.plan.room).stem
+
+    @cached_property
+    def time_s(self) -> NDArray[np.float64]:
+        """Since the first frame."""
+        stamp_ns = self.percept["stamp_ns"]
+        return (stamp_ns - stamp_ns[0]) * 1e-9
+
+    @property
+    def has_truth(self) -> bool:
+        return Topic.MOCAP in self.log.topics()
+
+    @cached_property
+    def truth(self) -> Columns:
+        """The motion capture's record nearest to each frame. Raises RecordingError without any."""
+        if not self.has_truth:
+            raise RecordingError(f"{self.path}: no truth: nothing on {Topic.MOCAP}")
+        mocap = self.log.columns(Topic.MOCAP)
+        between_ns = (mocap["stamp_ns"][1:] + mocap["stamp_ns"][:-1]) // 2
+        nearest = np.searchsorted(between_ns, self.decision["stamp_ns"])
+        return {name: column[nearest] for name, column in mocap.items()}
+
+    @cached_property
+    def places_m(self) -> NDArray[np.float64]:
+        """(n_frames, 2): north and east; the truth where it is known, else the estimate."""
+        if self.has_truth:
+            return self.truth["truth_position_ned_m"][:, :2]
+        place_m = self.log.columns(Topic.TELEMETRY)["position_ned_m"][:, :2]
+        frames = np.arange(len(self.decision["stamp_ns"]))
+        return place_m[np.minimum(frames, len(place_m) - 1)]  # the last may be cut off
+
+    def in_phase(self, phase: str) -> NDArray[np.bool_]:
+        """(n_frames,); ``phase`` may be "all"."""
+        return (self.decision["phase"] == phase) | (phase == "all")
+
+    @cached_property
+    def approach(self) -> NDArray[np.int64]:
+        """(n_frames,): number of the approach or of the turn after it, 1 for the first."""
+        straight = self.decision["state"] == "straight"
+        return np.cumsum(straight & ~np.append(False, straight[:-1]))
+
+    def mono_threshold_px(self, phase: str) -> float:
+        """Above which mono turned in this phase; the plan's fixed one where mono never flew."""
+        mono = (self.decision["cue"] == "mono") & self.in_phase(phase)
+        if mono.any():
+            return float(self.decision["threshold_px"][mono][-1])
+        return self.plan.learner.fixed_threshold_px(self.plan.behaviour.turn_threshold_px)
+
+    @cached_property
+    def scorecard(self) -> Scorecard:
+        """The flight's own counts, made anew from its records."""
+        card = Scorecard(self.plan.behaviour.turn_threshold_px)
+        thresholds_px = {phase: self.mono_threshold_px(phase) for phase in Phase}
+        records = zip(
+            self.log.read(Topic.PERCEPT, Percept),
+            self.log.read(Topic.DECISION, Decision),
+            strict=False,  # a log that was cut off may miss the last of one topic
+        )
+        for percept, d in records:
+            choice = Choice(d.cue, d.override, d.disparity_px, d.threshold_px, None)
+            card.record(percept, d.phase, choice, d.state, thresholds_px[d.phase])
+        return card
+
+    def load_room(self, path: Path | None = None) -> Room:
+        """The room in ``path``, or the shipped one that the plan names. Raises PlanError."""
+        path = path or ROOMS / f"{self.room_name}.toml"
+        if not path.is_file():
+            raise PlanError(f"{self.path}: no shipped room {self.room_name!r}; give --room")
+        return load_room(path)
+
+
+def _together(*tables: Columns) -> tuple[Columns, ...]:
+    """The records of the same frames; a log that was cut off may miss the last of one topic."""
+    count = min(len(table["stamp_ns"]) for table in tables)
+    return tuple({name: column[:count] for name, column in table.items()} for table in tables)
+
+
+def find_logs(paths: Iterable[Path]) -> list[Path]:
+    """The logs in these files, log folders or folders of log folders. Raises PlanError."""
+    found: list[Path] = []
+    for path in paths:
+        logs = sorted(path.rglob("*.mcap")) if path.is_dir() else [path]
+        if not logs:
+            raise PlanError(f"{path}: no flight log (*.mcap) in this folder")
+        found += logs
+    return found

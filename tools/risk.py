@@ -1,0 +1,113 @@
+"""What mistakes cost in flight: the performance model's figures beside what was observed.
+
+python -m tools.risk LOG/flight.mcap [--json FILE]
+python -m tools.risk LOGS ...
+
+The model (paper section III-E, companion/risk.py) is fitted twice at the threshold that mono had in
+the test phase: to the samples before it, which is what the robot could know, and to its own. For
+several flights, or folders of them, one line each: what was expected in the test phase, and what
+came. The JSON holds a report for one flight, a list of reports for several.
+"""
+
+import argparse
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from tools.assessment import Figure, Report, assess
+from tools.drawing import run
+from tools.flown import FlownFlight, find_logs
+
+ROWS = {
+    "true positive rate": "tpr",
+    "false positive rate": "fpr",
+    "Ω, silent on a positive after silence": "silence",
+    "collision per approach, independent": "collision_iid",
+    "collision per approach, chain": "collision",
+    "override per approach, chain": "override",
+    "spurious turns per s, independent": "spurious_turns_per_s_iid",
+    "spurious turns per s, chain": "spurious_turns_per_s",
+    "spurious turns per m, chain": "spurious_turns_per_m",
+}
+
+
+def table_lines(report: Report) -> Iterator[str]:
+    """The report for a person."""
+    learning, test, observed = report.from_learning, report.from_test, report.observed
+    yield (
+        f"{report.flight}: mono turns above λ = {report.threshold_px:.2f} px, positive above "
+        f"{report.positive_threshold_px:.2f} px; {report.positives_to_collision} positive frames "
+        f"to a collision, {report.positives_to_override} to an override"
+    )
+    yield f"{'':38}{'from learning':>26}{'from test':>26}{'observed':>10}"
+    for name, field in ROWS.items():
+        seen = getattr(observed, field, None)
+        figures = "".join(f"{_text(getattr(p, field)):>26}" for p in (learning, test))
+        yield f"{name:38}{figures}{'' if seen is None else _number(seen):>10}"
+    counts = (f"{p.approaches} ({p.positives} of {p.samples})" for p in (learning, test))
+    cells = "".join(f"{text:>26}" for text in counts)
+    yield f"{'approaches (positive frames)':38}{cells}{observed.mono_approaches:>10}"
+    yield f"in brackets: {report.interval_norm:.0%} bootstrap intervals over approaches"
+
+
+def _text(figure: Figure) -> str:
+    if math.isnan(figure.value):
+        return "–"
+    return f"{_number(figure.value)} [{_number(figure.low)}, {_number(figure.high)}]"
+
+
+def _number(value: float) -> str:
+    return "–" if math.isnan(value) else f"{value:.2g}"
+
+
+def comparison_lines(reports: Sequence[Report]) -> Iterator[str]:
+    """Expected and observed overrides of each flight, and of all for which both are known."""
+    columns = ("expected from learning", "expected from test", "observed")
+    yield f"{'overrides in the test phase':44}" + "".join(f"{name:>26}" for name in columns)
+    sums = np.zeros(3)
+    for report in reports:
+        approaches = report.observed.mono_approaches
+        expected = [
+            _times(prediction.override, approaches)
+            for prediction in (report.from_learning, report.from_test)
+        ]
+        seen = report.observed.override * approaches
+        cells = [*map(_text, expected), _number(seen)]
+        yield f"{report.flight:44}" + "".join(f"{cell:>26}" for cell in cells)
+        values = np.array([*(figure.value for figure in expected), seen])
+        sums += 0.0 if np.isnan(values).any() else values
+    yield f"{'all, where known':44}" + "".join(f"{_number(value):>26}" for value in sums)
+
+
+def _times(figure: Figure, count: int) -> Figure:
+    return Figure(figure.value * count, figure.low * count, figure.high * count)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.risk",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("logs", type=Path, nargs="+", help="flights, or folders that hold them")
+    parser.add_argument("--json", type=Path, help="also write the figures here")
+    parser.add_argument("--seed", type=int, default=1, help="of the bootstrap")
+    args = parser.parse_args(argv)
+
+    def work() -> Iterator[str]:
+        reports = [assess(FlownFlight(path), args.seed) for path in find_logs(args.logs)]
+        alone = len(reports) == 1
+        if args.json:
+            text = msgspec.json.encode(reports[0] if alone else reports)
+            args.json.write_bytes(msgspec.json.format(text, indent=2) + b"\n")
+        yield from table_lines(reports[0]) if alone else comparison_lines(reports)
+
+    return run("risk", work)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
