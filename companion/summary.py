@@ -1,14 +1,14 @@
 """The result of a flight: summary.json and the flight's column of the paper's Table II."""
 
 import math
-from typing import Literal
+from typing import Literal, Protocol
 
 import msgspec
 
 from companion.kernel.messages import Phase
-from companion.pipeline import Pipeline
 from companion.plan import Plan
-from companion.scorecard import Account
+from companion.scorecard import Account, Scorecard
+from companion.switch import Thresholds
 
 Outcome = Literal["flown", "failed", "aborted"]
 FLOWN_PHASES = (Phase.INITIAL, Phase.LEARNING, Phase.TEST)
@@ -82,9 +82,22 @@ class FlightFacts(msgspec.Struct, kw_only=True):
     minimum_clearance_m: float | None = None
 
 
-def summarise(plan: Plan, plan_name: str, pipeline: Pipeline, facts: FlightFacts) -> Summary:
+class Counted(Protocol):
+    """What was counted of a flight: a pipeline, or whoever counts a log anew."""
+
+    @property
+    def scorecard(self) -> Scorecard: ...
+
+    @property
+    def thresholds(self) -> Thresholds: ...
+
+    @property
+    def samples_learned(self) -> int: ...
+
+
+def summarise(plan: Plan, plan_name: str, counted: Counted, facts: FlightFacts) -> Summary:
     """The summary of a flight, finished or not."""
-    accounts = pipeline.scorecard.accounts
+    accounts = counted.scorecard.accounts
     flown = [accounts[phase] for phase in FLOWN_PHASES]
     phases = {phase.value: _phase_summary(accounts[phase]) for phase in FLOWN_PHASES}
     test = phases[Phase.TEST.value]
@@ -108,10 +121,10 @@ def summarise(plan: Plan, plan_name: str, pipeline: Pipeline, facts: FlightFacts
         tpr=test.tpr,
         fpr=test.fpr,
         auc=test.auc,
-        threshold_px=pipeline.thresholds.mono_px,
+        threshold_px=counted.thresholds.mono_px,
         stereo_flight_s=sum(account.stereo_flight_s for account in flown),
         mono_flight_s=sum(account.mono_flight_s for account in flown),
-        samples_learned=pipeline.samples_learned,
+        samples_learned=counted.samples_learned,
         frames=facts.frames,
         frames_dropped=facts.frames_dropped,
         sim_s=facts.sim_s,

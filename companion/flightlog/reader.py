@@ -24,7 +24,7 @@ from companion.kernel.messages import StereoFrame
 
 T = TypeVar("T", bound=msgspec.Struct)
 
-_DAMAGE = (McapError, ZstdError, struct.error, ValueError)
+DAMAGE = (McapError, ZstdError, struct.error, ValueError, OverflowError, MemoryError)
 """What the MCAP reader raises where the bytes end or make no sense."""
 
 log = logging.getLogger(__name__)
@@ -65,6 +65,15 @@ class FlightLog:
         self._require(topic)
         return table([msgspec.json.decode(message.data) for _, message in self._messages({topic})])
 
+    def log_times_ns(self, topic: str) -> NDArray[np.int64]:
+        """When each record of a topic was logged, on the log's own time line, of shape (n,).
+
+        A record's own stamp may be another clock's: telemetry carries the autopilot's.
+        """
+        self._require(topic)
+        times_ns = (message.log_time for _, message in self._messages({topic}))
+        return np.fromiter(times_ns, dtype=np.int64)
+
     def frames(self) -> Iterator[StereoFrame]:
         """The stereo pairs, where the flight logged images."""
         self._require(Topic.RIGHT)
@@ -97,7 +106,7 @@ class FlightLog:
                         return msgspec.convert(fields, FlightMetadata)
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be read: {error.strerror}") from error
-        except _DAMAGE as error:
+        except DAMAGE as error:
             raise RecordingError(
                 f"{self.path}: not a flight log (MCAP): {str(error) or 'cut off'}"
             ) from error
@@ -110,7 +119,7 @@ class FlightLog:
             if summary is not None and summary.statistics is not None:
                 counts = summary.statistics.channel_message_counts
                 return Counter({c.topic: counts.get(c.id, 0) for c in summary.channels.values()})
-        except _DAMAGE:
+        except DAMAGE:
             pass  # no index at the end: the log was cut off
         self.truncated = True
         return Counter(topic for topic, _ in self._messages(None))
@@ -124,6 +133,6 @@ class FlightLog:
                 )
                 for _, channel, message in reader.iter_messages(topics, log_time_order=False):
                     yield channel.topic, message
-        except _DAMAGE as error:
+        except DAMAGE as error:
             if not self.truncated:
                 raise RecordingError(f"{self.path}: damaged: {error}") from error

@@ -92,12 +92,14 @@ class PoseInFrame(msgspec.Struct, frozen=True):
 
 
 class LogLine(msgspec.Struct, frozen=True):
-    """foxglove.Log."""
+    """foxglove.Log; the schema wants ``file`` and ``line`` too."""
 
     timestamp: Time
     level: int
     message: str
     name: str
+    file: str = ""
+    line: int = 0
 
 
 class View(NamedTuple):

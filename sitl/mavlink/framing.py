@@ -51,7 +51,7 @@ def split(datagram: bytes) -> Iterator[bytes]:
     """The frames of a datagram; bytes that belong to none are skipped."""
     start = 0
     while start + _V1_OVERHEAD_BYTES <= len(datagram):
-        length = _frame_bytes(datagram, start)
+        length = frame_bytes(datagram, start)
         if length and start + length <= len(datagram):
             yield datagram[start : start + length]
             start += length
@@ -59,7 +59,10 @@ def split(datagram: bytes) -> Iterator[bytes]:
             start += 1
 
 
-def _frame_bytes(datagram: bytes, start: int) -> int:
+def frame_bytes(datagram: bytes, start: int) -> int:
+    """Length that a frame starting here would have; 0 where none starts. Raises ValueError within
+    three bytes of the end.
+    """
     magic, payload_bytes, flags = datagram[start : start + 3]
     if magic == mavlink.PROTOCOL_MARKER_V2:
         signature = _SIGNATURE_BYTES if flags & _SIGNED else 0

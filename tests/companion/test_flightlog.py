@@ -308,6 +308,30 @@ def test_a_full_disk_is_one_error_and_leaves_a_log(tmp_path):
     assert FlightLog(path).topics()[Topic.TELEMETRY] > 50
 
 
+REQUIRED = {
+    "foxglove.CompressedImage": {"timestamp", "frame_id", "data", "format"},
+    "foxglove.PoseInFrame": {"timestamp", "frame_id", "pose"},
+    "foxglove.Log": {"timestamp", "level", "message", "name", "file", "line"},
+}
+"""Fields that the published JSON schemas require."""
+
+
+def test_well_known_records_hold_all_that_viewers_require(tmp_path):
+    path = tmp_path / "flight.mcap"
+    with FlightLogWriter(path, META, images="stereo") as log:
+        write_all(log, records(1))
+        log.write_frame(StereoFrame(0, np.zeros((4, 4), np.uint8), np.zeros((4, 4), np.uint8)))
+    with path.open("rb") as file:
+        seen = {
+            schema.name: json.loads(message.data)
+            for schema, _, message in make_reader(file).iter_messages()
+            if schema.name in REQUIRED
+        }
+    assert {name: REQUIRED[name] <= set(record) for name, record in seen.items()} == dict.fromkeys(
+        REQUIRED, True
+    )
+
+
 def test_closing_twice_is_safe(tmp_path):
     with FlightLogWriter(tmp_path / "flight.mcap", META) as log:
         log.close()

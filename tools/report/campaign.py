@@ -1,0 +1,138 @@
+"""Many flights on one page: groups side by side, and every flight as a row."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from companion.kernel.errors import CompanionError
+from companion.kernel.messages import Phase
+from companion.summary import Summary, format_figure
+from tools.report.figures import draw_curve, finish_roc, phase_curve
+from tools.report.flight import ReportedFlight
+from tools.report.page import Page, paragraph, table
+
+PALETTE = ("#0072b2", "#009e73", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9")
+
+MEASURES: dict[str, Callable[[Summary], float]] = {
+    "overrides": lambda summary: summary.overrides,
+    "turns": lambda summary: summary.turns,
+    "MSE, px²": lambda summary: summary.mse,
+    "TPR": lambda summary: summary.tpr,
+    "FPR": lambda summary: summary.fpr,
+    "AUC": lambda summary: summary.auc,
+    "collisions": lambda summary: math.nan if summary.collisions is None else summary.collisions,
+}
+"""Of the test phase; collisions of the whole flight, NaN without truth."""
+
+Flights = Sequence[ReportedFlight]
+
+
+class CampaignFigure(NamedTuple):
+    """As ``sections.FigureSection``, of all flights."""
+
+    title: str
+    name: str
+    draw: Callable[[Flights], Figure]
+
+
+def campaign_page(flights: Flights, unreadable: Sequence[str], page: Page) -> None:
+    """``unreadable``: one line for each log that could not be taken in."""
+    groups = grouped(flights)
+    page.add("Groups", paragraph("Mean ± standard deviation, test phase."), _groups(groups))
+    for section in FIGURES:
+        try:
+            body = page.figure(section.draw(flights), section.name)
+        except CompanionError as error:
+            body = paragraph(f"not shown: {error}", "quiet")
+        page.add(section.title, body)
+    page.add("Flights", _rows(flights))
+    if unreadable:
+        page.add("Not shown", *(paragraph(line, "problem") for line in unreadable))
+
+
+def grouped(flights: Flights) -> dict[str, list[ReportedFlight]]:
+    """By room and scheme."""
+    groups: dict[str, list[ReportedFlight]] = {}
+    for flight in flights:
+        name = f"{flight.plan.room or 'room unknown'}, {flight.plan.experiment.scheme}"
+        groups.setdefault(name, []).append(flight)
+    return dict(sorted(groups.items()))
+
+
+def _groups(groups: dict[str, list[ReportedFlight]]) -> str:
+    rows = []
+    for name, flights in groups.items():
+        summaries = [flight.summary for flight in flights]
+        flown = sum(summary.outcome == "flown" for summary in summaries)
+        figures = [_spread([measure(s) for s in summaries]) for measure in MEASURES.values()]
+        rows.append((name, f"{flown} of {len(flights)}", *figures))
+    return table(("", "flown", *MEASURES), rows)
+
+
+def _spread(values: Sequence[float]) -> str:
+    known = [value for value in values if not np.isnan(value)]
+    if not known:
+        return "–"
+    spread = f" ± {np.std(known, ddof=1):.2f}" if len(known) > 1 else ""
+    return f"{np.mean(known):.2f}{spread}"
+
+
+def _rows(flights: Flights) -> str:
+    rows = [
+        (
+            flight.name,
+            flight.summary.scheme,
+            str(flight.summary.seed),
+            f"{flight.summary.outcome}{', log cut off' if flight.log.truncated else ''}",
+            *(_cell(measure(flight.summary)) for measure in MEASURES.values()),
+        )
+        for flight in flights
+    ]
+    return table(("", "scheme", "seed", "outcome", *MEASURES), rows)
+
+
+def _cell(value: float) -> str:
+    return str(value) if isinstance(value, int) else format_figure(value)
+
+
+def counts(flights: Flights) -> Figure:
+    """Overrides and turns of every flight, by group, with the group's mean."""
+    groups = grouped(flights)
+    figure = Figure(figsize=(12, 1.4 + 0.55 * len(groups)), layout="constrained")
+    for axes, name in zip(figure.subplots(1, 2, sharey=True), ("overrides", "turns"), strict=True):
+        for row, members in enumerate(groups.values()):
+            values = np.array([MEASURES[name](flight.summary) for flight in members])
+            shift = np.linspace(-0.18, 0.18, len(values)) if len(values) > 1 else np.zeros(1)
+            axes.plot(values, row + shift, ".", color=PALETTE[row % len(PALETTE)])
+            axes.plot([values.mean()], [row], "|", color="0.1", markersize=18)
+        axes.set(xlabel=f"{name} in the test phase", yticks=range(len(groups)))
+        axes.set_yticklabels(list(groups), fontsize=9)
+        axes.set_xlim(left=-0.5)
+    axes.invert_yaxis()  # shared: the first group on top in both
+    return figure
+
+
+def roc(flights: Flights) -> Figure:
+    """The test phase of every flight, with the points that they flew at."""
+    figure = Figure(figsize=(6.5, 6.0), layout="constrained")
+    axes = figure.subplots()
+    for row, (name, members) in enumerate(grouped(flights).items()):
+        label: str | None = name
+        for flight in members:
+            curve = phase_curve(flight, Phase.TEST)
+            if np.isnan(curve.auc):
+                continue
+            colour = PALETTE[row % len(PALETTE)]
+            draw_curve(axes, curve, flight.mono_threshold_px(Phase.TEST), colour, label)
+            label = None
+    finish_roc(axes)
+    return figure
+
+
+FIGURES: list[CampaignFigure] = [
+    CampaignFigure("Overrides and turns", "counts", counts),
+    CampaignFigure("ROC curves", "roc", roc),
+]

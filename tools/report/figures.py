@@ -1,0 +1,123 @@
+"""The report's own figures."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from companion.kernel.errors import RecordingError
+from companion.kernel.messages import Phase
+from companion.performance import RocCurve, roc_curve
+from companion.summary import format_figure
+from tools.drawing import COLOURS
+from tools.logs import open_log
+from tools.logs.align import Alignment, align, signals
+from tools.report.flight import ReportedFlight
+
+STRIP_S = 60.0
+AXIS = {"yaw rate": "yaw rate, rad/s", "height": "down, m"}
+PHASE_COLOURS = {Phase.LEARNING: "0.55", Phase.TEST: COLOURS["mono"]}
+
+
+def disparity_strips(flight: ReportedFlight) -> Figure:
+    """λ of both cues over time, one strip a minute; turns are shaded, overrides marked."""
+    time_s, percept, decision = flight.time_s, flight.percept, flight.decision
+    count = int(time_s[-1] // STRIP_S) + 1
+    figure = Figure(figsize=(12, 1.0 + 1.15 * count), layout="constrained")
+    panels = figure.subplots(count, 1, squeeze=False, sharey=True)[:, 0]
+    known = percept["stereo_px"][np.isfinite(percept["stereo_px"])]
+    top_px = 1.1 * float(np.percentile(known, 99.5)) if len(known) else 1.0
+    for number, axes in enumerate(panels):
+        begin_s = number * STRIP_S
+        # One sample more on either side, so that lines reach the edges.
+        first, last = np.searchsorted(time_s, (begin_s, begin_s + STRIP_S))
+        _draw_strip(axes, flight, slice(max(0, first - 1), last + 1), top_px)
+        axes.set(xlim=(begin_s, begin_s + STRIP_S), ylim=(0, top_px), ylabel="λ, px")
+        axes.set_title(str(decision["phase"][first]), loc="right", fontsize=8, pad=2)
+    panels[-1].set_xlabel("time since the first frame, s")
+    panels[0].legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=5, frameon=False, fontsize=8)
+    return figure
+
+
+def _draw_strip(axes: Axes, flight: ReportedFlight, shown: slice, top_px: float) -> None:
+    time_s = flight.time_s[shown]
+    percept, decision = (
+        {name: column[shown] for name, column in columns.items()}
+        for columns in (flight.percept, flight.decision)
+    )
+    turning, overriding = decision["state"] != "straight", decision["override"].astype(bool)
+    axes.fill_between(time_s, 0, top_px, where=turning, color="0.9", linewidth=0, label="turning")
+    rust = COLOURS["override"]
+    axes.fill_between(
+        time_s, 0, top_px, where=overriding, color=rust, alpha=0.35, linewidth=0, label="override"
+    )
+    for cue in ("stereo", "mono"):
+        axes.plot(time_s, percept[f"{cue}_px"], color=COLOURS[cue], linewidth=0.9, label=cue)
+    axes.plot(time_s, decision["threshold_px"], color="0.3", linewidth=0.7, label="threshold")
+
+
+def roc(flight: ReportedFlight) -> Figure:
+    """Mono against stereo's verdict, by phase, with the point that the flight flew at."""
+    figure = Figure(figsize=(5.5, 5.0), layout="constrained")
+    axes = figure.subplots()
+    for phase, colour in PHASE_COLOURS.items():
+        curve = phase_curve(flight, phase)
+        if np.isnan(curve.auc):
+            continue
+        label = f"{phase}, AUC {format_figure(curve.auc)}"
+        draw_curve(axes, curve, flight.mono_threshold_px(phase), colour, label)
+    finish_roc(axes)
+    return figure
+
+
+def phase_curve(flight: ReportedFlight, phase: Phase) -> RocCurve:
+    stereo_px, mono_px = flight.scorecard.accounts[phase].estimates()
+    return roc_curve(mono_px, stereo_px, flight.plan.behaviour.turn_threshold_px)
+
+
+def draw_curve(
+    axes: Axes, curve: RocCurve, threshold_px: float, colour: str, label: str | None
+) -> None:
+    """A curve and its operating point: the last corner whose threshold is not below."""
+    axes.plot(curve.fpr, curve.tpr, color=colour, linewidth=1.3, label=label)
+    at = int(np.count_nonzero(curve.threshold_px >= threshold_px)) - 1
+    axes.plot(curve.fpr[at], curve.tpr[at], "o", color=colour, markersize=6)
+
+
+def finish_roc(axes: Axes) -> None:
+    """Raises RecordingError where nothing was drawn."""
+    if not axes.lines:
+        raise RecordingError("stereo never called a frame blocked, or never clear")
+    axes.plot((0, 1), (0, 1), color="0.8", linewidth=1, zorder=0)
+    axes.set(xlabel="false positive rate", ylabel="true positive rate")
+    axes.set(xlim=(-0.01, 1.01), ylim=(-0.01, 1.01), aspect="equal")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="lower right", frameon=False)
+
+
+def vehicle_log(flight: ReportedFlight) -> Figure:
+    """The signal that aligned each log beside ours, ours and theirs on one time line.
+
+    Raises RecordingError without such a log, or where it shows another flight.
+    """
+    paths = flight.logs_beside
+    if not paths:
+        raise RecordingError("no .tlog or .ulg lies beside the flight's log")
+    figure = Figure(figsize=(12, 2.6 * len(paths)), layout="constrained")
+    panels = figure.subplots(len(paths), 1, squeeze=False)[:, 0]
+    ours = open_log(flight.path)
+    for axes, path in zip(panels, paths, strict=True):
+        theirs = open_log(path)
+        fit = align(ours, theirs)
+        one, other = signals(ours, theirs, fit)
+        axes.plot(other.time_s, other.value, color="0.6", linewidth=2.0, label=path.name)
+        axes.plot(one.time_s, one.value, color=COLOURS["stereo"], linewidth=0.7, label="companion")
+        axes.set(
+            xlim=(one.time_s[0], one.time_s[-1]), xlabel="log time, s", ylabel=AXIS[fit.signal]
+        )
+        axes.set_title(_told(path.name, fit), fontsize=10)
+        axes.legend(loc="upper right", fontsize=8)
+    return figure
+
+
+def _told(name: str, fit: Alignment) -> str:
+    return f"{name}: its clock {fit.offset_s:+.3f} s to ours, correlation {fit.correlation:.3f}"

@@ -1,0 +1,178 @@
+"""What a flight's report holds, in order. A new figure is one line in FIGURES."""
+
+import platform
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from typing import NamedTuple
+
+import msgspec
+from matplotlib.figure import Figure
+
+from companion.flightlog import Topic
+from companion.kernel.errors import CompanionError
+from companion.plan import Plan
+from companion.summary import format_figure, table_rows
+from tools import picture
+from tools.flown import FlownFlight
+from tools.logs import open_log
+from tools.report import figures
+from tools.report.flight import ReportedFlight, overrides
+from tools.report.page import Page, folded, paragraph, table
+
+PACKAGES = (
+    "mono-companion", "numpy", "opencv-python-headless", "scikit-learn", "numba", "mcap", "mavsdk",
+    "pymavlink", "jsbsim", "matplotlib",
+)  # fmt: skip
+
+
+class FigureSection(NamedTuple):
+    """``draw`` raises CompanionError for a flight that it cannot show; the report says why."""
+
+    title: str
+    name: str
+    """Of its files."""
+    draw: Callable[[ReportedFlight], Figure]
+
+
+FIGURES: list[FigureSection] = [
+    FigureSection("Path", "path", lambda f: picture.draw(FlownFlight(f.path), f.room)),
+    FigureSection("λ over time", "disparity", figures.disparity_strips),
+    FigureSection("ROC curve", "roc", figures.roc),
+    FigureSection("The vehicle's own log", "vehicle", figures.vehicle_log),
+]
+
+
+def flight_page(flight: ReportedFlight, page: Page) -> None:
+    """Fills the page. Raises CompanionError for a log that is damaged inside."""
+    page.add("Outcome", _outcome(flight))
+    page.add("Table II", table(("", "this flight"), table_rows(flight.summary)))
+    page.add("Phases", _phases(flight))
+    page.add("Overrides", _overrides(flight))
+    for section in FIGURES:
+        page.add(section.title, _drawn(section, flight, page))
+    page.add("Events", _events(flight))
+    page.add("Health of the log", _health(flight))
+    page.add("Plan as flown", _plan(flight))
+    page.add("Software", _software(flight))
+
+
+def _outcome(flight: ReportedFlight) -> str:
+    summary = flight.summary
+    said = f"{summary.outcome}: {summary.reason}" if summary.reason else summary.outcome
+    clearance = summary.minimum_clearance_m
+    rows = [
+        ("plan", f"{summary.plan}, room {summary.room or 'unknown'}, seed {summary.seed}"),
+        ("scheme", summary.scheme),
+        ("flight time", f"{summary.sim_s:.0f} s, {summary.frames} frames"),
+        ("frames dropped", str(summary.frames_dropped)),
+        ("samples learned", str(summary.samples_learned)),
+        ("collisions", "unknown" if summary.collisions is None else str(summary.collisions)),
+        ("least clearance", "unknown" if clearance is None else f"{clearance:.2f} m"),
+        ("log", str(flight.path.name)),
+    ]
+    return paragraph(said, summary.outcome) + table(("", ""), rows, words=True)
+
+
+def _phases(flight: ReportedFlight) -> str:
+    header = (
+        "", "stereo, s", "mono, s", "stereo approaches", "mono approaches", "turns", "overrides",
+        "MSE, px²", "TPR", "FPR", "AUC",
+    )  # fmt: skip
+    rows = [
+        (
+            name,
+            f"{phase.stereo_flight_s:.0f}",
+            f"{phase.mono_flight_s:.0f}",
+            str(phase.stereo_approaches),
+            str(phase.mono_approaches),
+            str(phase.turns),
+            str(phase.overrides),
+            *(format_figure(value) for value in (phase.mse, phase.tpr, phase.fpr, phase.auc)),
+        )
+        for name, phase in flight.summary.phases.items()
+    ]
+    return table(header, rows)
+
+
+def _overrides(flight: ReportedFlight) -> str:
+    header = (
+        "phase", "at, s", "for, s", "north, m", "east, m", "stereo λ, px", "mono λ, px",
+        "mono turns above, px",
+    )  # fmt: skip
+    rows = [
+        (
+            event.phase,
+            f"{event.time_s:.1f}",
+            f"{event.duration_s:.1f}",
+            *(f"{metres:.2f}" for metres in event.place_m),
+            *map(format_figure, (event.stereo_px, event.mono_px, event.mono_threshold_px)),
+        )
+        for event in overrides(flight)
+    ]
+    return table(header, rows) if rows else paragraph("none", "quiet")
+
+
+def _drawn(section: FigureSection, flight: ReportedFlight, page: Page) -> str:
+    try:
+        return page.figure(section.draw(flight), section.name)
+    except CompanionError as error:
+        return paragraph(f"not shown: {error}", "quiet")
+
+
+def _events(flight: ReportedFlight) -> str:
+    """What the companion had to say in flight, on the time of the figures."""
+    if Topic.EVENT not in flight.log.topics():
+        return paragraph("none", "quiet")
+    events = flight.log.columns(Topic.EVENT)
+    since_s = (flight.log.log_times_ns(Topic.EVENT) - flight.percept["stamp_ns"][0]) * 1e-9
+    said = zip(events["severity"].tolist(), events["text"].tolist(), strict=True)
+    rows = [(f"{at_s:.1f}", *words) for at_s, words in zip(since_s, said, strict=True)]
+    return table(("at, s", "", ""), rows, words=True)
+
+
+def _health(flight: ReportedFlight) -> str:
+    parts = []
+    for path in (flight.path, *flight.logs_beside):
+        try:
+            health = open_log(path).examine()
+        except CompanionError as error:
+            parts.append(paragraph(str(error), "problem"))
+            continue
+        word, kind = ("sound", "sound") if health.sound else ("not sound", "problem")
+        total = sum(health.records.values())
+        parts.append(paragraph(f"{path.name}: {word}, {total} records", kind))
+        rows = [("problem" if f.problem else "note", f.text) for f in health.findings]
+        parts.append(table(("", ""), rows, words=True))
+    return "\n".join(parts)
+
+
+def _plan(flight: ReportedFlight) -> str:
+    flown, default = (_flat(msgspec.to_builtins(plan)) for plan in (flight.plan, Plan()))
+    rows = [(key, value, default.get(key, "")) for key, value in sorted(flown.items())]
+    changed = [row for row in rows if row[1] != row[2]]
+    header = ("key", "flown", "default")
+    return table(header, changed, words=True) + folded("all keys", table(header, rows, words=True))
+
+
+def _flat(values: dict[str, object], prefix: str = "") -> dict[str, str]:
+    flat: dict[str, str] = {}
+    for key, value in values.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = "–" if value is None else str(value)
+    return flat
+
+
+def _software(flight: ReportedFlight) -> str:
+    rows = [("companion that flew", flight.log.metadata.version)]
+    rows += [("report: Python", platform.python_version())]
+    rows += [(f"report: {name}", _version(name)) for name in PACKAGES]
+    return table(("", ""), rows, words=True)
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
