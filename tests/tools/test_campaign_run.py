@@ -158,6 +158,16 @@ def test_a_failed_flight_is_told_and_the_rest_go_on(capsys, tmp_path, cluster, c
     assert "2 of 2 flights are there already" in capsys.readouterr().err
 
 
+def test_a_cluster_of_another_version_is_refused(capsys, monkeypatch, tmp_path, cluster, campaign):
+    monkeypatch.setattr("tools.campaign.run.__version__", "9.9")
+    words = ["--scheduler", cluster[0], "--out", str(tmp_path / "out")]
+    assert main([str(campaign), *words]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"campaign: --scheduler {cluster[0]}: tcp://127.0.0.1:")
+    assert "no companion 9.9 with its tools there: " in error
+    assert error.count("\n") == 1
+
+
 def test_no_scheduler_is_one_line(capsys, tmp_path, campaign):
     words = ["--scheduler", "nonsense", "--out", str(tmp_path / "out")]
     assert main([str(campaign), *words]) == 1

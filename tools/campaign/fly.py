@@ -8,12 +8,18 @@ from pathlib import Path
 import cv2
 from distributed import get_worker
 
+from companion import __version__
 from companion.flight import LOG_NAME, FlightOrder, fly_plan
 from companion.kernel.errors import CompanionError
 from tools.campaign.plan import PlannedFlight, file_digest
 from tools.campaign.rows import Landed, failed_row, row_of
 
 _laying_out = threading.Lock()
+
+
+def version() -> str:
+    """Of the package on this worker."""
+    return __version__
 
 
 def fly_one(flight: PlannedFlight) -> Landed:

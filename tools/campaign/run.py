@@ -7,8 +7,9 @@ from typing import Protocol
 
 from distributed import Client, LocalCluster, as_completed
 
+from companion import __version__
 from companion.kernel.errors import CompanionError
-from tools.campaign.fly import fly_one
+from tools.campaign.fly import fly_one, version
 from tools.campaign.plan import PlannedFlight
 from tools.campaign.results import ResultsBook
 from tools.campaign.rows import Row, one_line
@@ -52,7 +53,7 @@ def run(
 def open_client(scheduler: str | None, workers: int) -> Iterator[Client]:
     """A client of the scheduler at this address, or of as many workers of its own.
 
-    Raises CompanionError when there is no scheduler.
+    Raises CompanionError when there is no scheduler, or not this package beside it.
     """
     logging.getLogger("distributed").setLevel(logging.ERROR)
     if scheduler is None:
@@ -75,6 +76,20 @@ def open_client(scheduler: str | None, workers: int) -> Iterator[Client]:
             f"--scheduler {scheduler}: no Dask scheduler: {one_line(str(error))}"
         ) from error
     with client:
+        _check_versions(client, scheduler)
         if not client.scheduler_info()["workers"]:
             logger.warning("no worker yet; start one anywhere: dask worker %s", scheduler)
         yield client
+
+
+def _check_versions(client: Client, scheduler: str) -> None:
+    """Flights travel as calls of this package; every process of the cluster must have it."""
+    try:
+        answers = {scheduler: client.run_on_scheduler(version)}
+    except ImportError as error:
+        answers = {scheduler: error}
+    answers |= client.run(version, on_error="return")
+    for address, answer in answers.items():
+        if answer != __version__:
+            found = f"no companion {__version__} with its tools there"
+            raise CompanionError(f"--scheduler {scheduler}: {address}: {found}: {answer}")
