@@ -20,8 +20,8 @@ from tools.campaign.run import open_client, run
 from tools.campaign.stats import Table, tabulate
 from tools.campaign.table import print_table, write_table
 
-TABLE_COLUMNS = 160
-"""Of the table where it goes to a file."""
+LEAST_COLUMNS = 100
+"""That the tables get, however narrow the terminal."""
 
 
 def fly_campaign(
@@ -60,7 +60,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("campaign: stopped; the same command goes on from here", file=sys.stderr)
         return EXIT_FAILED
-    print_table(Console(width=None if sys.stdout.isatty() else TABLE_COLUMNS), table)
+    console = Console()
+    print_table(Console(width=max(console.width, LEAST_COLUMNS)), table)
     print(f"{len(campaign.flights)} flights, {failed} failed; rows, logs and tables: {folder}")
     return EXIT_FAILED if failed else EXIT_FLOWN
 

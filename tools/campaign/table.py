@@ -23,7 +23,12 @@ NAMES = {
     "tpr": "TPR",
     "auc": "AUC",
 }
-GROUP_HEADER = ("", "flown", *NAMES.values(), "collisions/min", "m per collision")
+BEHAVIOUR = ("overrides", "turns", "coverage_norm")
+ESTIMATE = ("mse", "fpr", "tpr", "auc")
+BEHAVIOUR_HEADER = (
+    "", "flown", *(NAMES[name] for name in BEHAVIOUR), "collisions per min", "m per collision"
+)  # fmt: skip
+ESTIMATE_HEADER = ("mono against stereo", *(NAMES[name] for name in ESTIMATE))
 PAIR_HEADER = ("figure", "first", "second", "difference", "95 % interval", "p")
 UNKNOWN = "–"
 
@@ -31,11 +36,14 @@ Lines = list[tuple[str, ...]]
 
 
 def print_table(console: Console, table: Table) -> None:
-    """Mean ± standard deviation of each group, then the tests between them."""
+    """Mean ± standard deviation of each group, then the tests between them.
+
+    A figure cut short would be a wrong one: wants 100 columns.
+    """
     for header, lines in _blocks(table):
         shown = RichTable()
         for place, name in enumerate(header):
-            shown.add_column(name, justify="left" if place == 0 else "right", no_wrap=True)
+            shown.add_column(name, justify="left" if place == 0 else "right")
         for line in lines:
             shown.add_row(*line)
         console.print(shown)
@@ -58,21 +66,26 @@ def write_table(folder: Path, table: Table) -> None:
 
 def _blocks(table: Table) -> list[tuple[Sequence[str], Lines]]:
     blocks: list[tuple[Sequence[str], Lines]] = [
-        (GROUP_HEADER, [_group_line(group) for group in table.groups])
+        (BEHAVIOUR_HEADER, [_behaviour_line(group) for group in table.groups]),
+        (ESTIMATE_HEADER, [_estimate_line(group) for group in table.groups]),
     ]
     if table.comparisons:
         blocks.append((PAIR_HEADER, [_pair_line(pair) for pair in table.comparisons]))
     return blocks
 
 
-def _group_line(group: Group) -> tuple[str, ...]:
+def _behaviour_line(group: Group) -> tuple[str, ...]:
     flown = f"{group.flown} ({group.failed} failed)" if group.failed else str(group.flown)
-    figures = (_figure(group.figures[name]) for name in NAMES)
     if group.collisions:
         distance = f"{group.distance_per_collision_m:.0f}"
     else:
         distance = f"> {group.distance_flown_m:.0f}"
+    figures = (_figure(group.figures[name]) for name in BEHAVIOUR)
     return group.name, flown, *figures, format_figure(group.collisions_per_min), distance
+
+
+def _estimate_line(group: Group) -> tuple[str, ...]:
+    return group.name, *(_figure(group.figures[name]) for name in ESTIMATE)
 
 
 def _figure(figure: Figure) -> str:
