@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from companion.kernel.errors import PlanError, RecordingError
 from tools.campaign.plan import load_campaign
 from tools.campaign.results import ResultsBook
-from tools.campaign.rows import COLUMNS, Landed, Row, failed_row, parse_rows, row_line
+from tools.campaign.rows import COLUMNS, HEADER, Landed, Row, failed_row, parse_rows, row_line
 
 
 @pytest.fixture
@@ -38,13 +38,11 @@ rows = st.builds(
 
 @given(rows)
 def test_a_row_survives_its_line(tmp_path_factory, row):
-    header = (",".join(COLUMNS) + "\n").encode()
-    assert parse_rows(header + row_line(row), "results.csv") == [row]
+    assert parse_rows(HEADER + row_line(row), "results.csv") == [row]
 
 
 def test_what_is_undefined_stays_undefined(flights):
-    header = (",".join(COLUMNS) + "\n").encode()
-    (row,) = parse_rows(header + row_line(landed(flights[0], mse=math.nan).row), "results.csv")
+    (row,) = parse_rows(HEADER + row_line(landed(flights[0], mse=math.nan).row), "results.csv")
     assert math.isnan(row.mse)
     assert row.tpr is None
 
@@ -109,12 +107,17 @@ def test_rows_of_other_settings_are_refused(campaign_file, flights, tmp_path):
 
 @pytest.mark.parametrize(
     ("content", "said"),
-    [("a,b\n1,2\n", "not the results of a campaign"), (",".join(COLUMNS) + "\nx\n", "line 2: ")],
+    [
+        ("a,b\n1,2\n3", "not the results of a campaign"),
+        ("notes", "not the results of a campaign"),
+        (",".join(COLUMNS) + "\nx\n", "line 2: "),
+    ],
 )
 def test_files_that_hold_something_else_are_refused(tmp_path, content, said):
     (tmp_path / "results.csv").write_text(content)
     with pytest.raises(RecordingError, match=said), ResultsBook(tmp_path):
         pass
+    assert (tmp_path / "results.csv").read_text() == content
 
 
 def test_a_folder_that_cannot_be_made(tmp_path):

@@ -62,7 +62,6 @@ class PlannedFlight(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Campaign(NamedTuple):
-    name: str
     groups: tuple[str, ...]
     """What is compared, in the order of the file."""
     flights: tuple[PlannedFlight, ...]
@@ -84,7 +83,7 @@ def load_campaign(path: Path, runs: int | None = None) -> Campaign:
         except PlanError as error:
             raise PlanError(f"{path}: {name}: {error}") from error
     flights = tuple(itertools.chain.from_iterable(kinds.values()))
-    return Campaign(path.stem, tuple(kinds), flights)
+    return Campaign(tuple(kinds), flights)
 
 
 def _groups(settings: CampaignSettings, path: Path) -> Iterator[tuple[str, list[str]]]:

@@ -10,7 +10,7 @@ from typing import Self
 
 from companion.kernel.errors import PlanError, RecordingError
 from tools.campaign.plan import PlannedFlight
-from tools.campaign.rows import COLUMNS, Landed, Row, csv_line, parse_rows, row_line
+from tools.campaign.rows import HEADER, Landed, Row, parse_rows, row_line
 
 ROWS_NAME = "results.csv"
 LOGS_NAME = "flights"
@@ -36,6 +36,9 @@ class ResultsBook:
             self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._read(path, self._descriptor)
+        except RecordingError:
+            self._close()
+            raise
         except BlockingIOError:
             self._close()
             raise PlanError(f"{self.folder}: another campaign is writing here") from None
@@ -81,11 +84,11 @@ class ResultsBook:
     def _read(self, path: Path, descriptor: int) -> None:
         """Takes away what follows the last whole line, and writes the header where none is."""
         content = path.read_bytes()
+        self.rows = {row.id: row for row in parse_rows(content, path)}
         whole_bytes = content.rfind(b"\n") + 1
         os.ftruncate(descriptor, whole_bytes)
         if not whole_bytes:
-            _append(descriptor, csv_line(COLUMNS))
-        self.rows = {row.id: row for row in parse_rows(content, path)}
+            _append(descriptor, HEADER)
 
     def _close(self) -> None:
         if self._descriptor is not None:

@@ -114,22 +114,16 @@ def one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def read_rows(path: Path) -> list[Row]:
-    """The rows of a ``results.csv``. Raises RecordingError."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
-    return parse_rows(content, path)
-
-
 def parse_rows(content: bytes, path: Path) -> list[Row]:
-    """The whole lines of the file's content; a last one that was cut off is left out."""
+    """The whole lines of the file's content; a last one that was cut off is left out.
+
+    Raises RecordingError for the content of another file.
+    """
+    if not content.startswith(HEADER[: len(content)]):
+        raise RecordingError(f"{path}: not the results of a campaign of this version")
     whole = content[: content.rfind(b"\n") + 1].decode("utf-8", "replace")
     lines = csv.reader(io.StringIO(whole))
-    header = next(lines, list(COLUMNS))
-    if header != list(COLUMNS):
-        raise RecordingError(f"{path}: not the results of a campaign of this version")
+    next(lines, None)
     rows = []
     for number, cells in enumerate(lines, 2):
         named = dict(zip(COLUMNS, cells, strict=False))
@@ -150,3 +144,6 @@ def csv_line(cells: Iterable[str]) -> bytes:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow(cells)
     return text.getvalue().encode()
+
+
+HEADER = csv_line(COLUMNS)
