@@ -6,7 +6,7 @@ from contextlib import suppress
 
 from companion.flightlog import FlightLogWriter
 from companion.kernel.errors import CompanionError, VehicleError
-from companion.kernel.messages import FlightMode, Setpoint
+from companion.kernel.messages import FlightMode, Phase, Setpoint
 from companion.kernel.protocols import Rig
 from companion.loops import Heartbeat, Observer, fly, watch
 from companion.pipeline import Pipeline
@@ -76,7 +76,7 @@ class Flight:
             logger.error("while landing: %s", error)
         finally:
             self.flown_s = max(0.0, (self._newest_stamp_ns() - began_ns) * 1e-9)
-            self.truth.record()
+            self.truth.record(Phase.DONE)
 
     async def _hold_and_land(self) -> None:
         """The vehicle bounds each verb by its own clock; the timeout is for a stuck adapter."""

@@ -4,7 +4,7 @@ import asyncio
 import logging
 import shutil
 import signal
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -74,15 +74,17 @@ class _Record:
         """Landed; only the devices are left to close."""
 
 
-async def fly_plan(order: FlightOrder, observer: Observer) -> Summary:
+async def fly_plan(
+    order: FlightOrder, observer: Observer, stop_signals: Sequence[signal.Signals] = STOP_SIGNALS
+) -> Summary:
     """Flies; always leaves the log, the model and summary.json, also when the flight fails.
 
     Raises CompanionError when nothing could fly, and takes the log folder away then; a failed or
-    aborted flight is in the summary.
+    aborted flight is in the summary. Only a process's main thread can listen to ``stop_signals``.
     """
     record = _Record()
     try:
-        await _run_until_stopped(_open_and_fly(order, observer, record), record)
+        await _run_until_stopped(_open_and_fly(order, observer, record), record, stop_signals)
     except CompanionError as error:
         if record.pipeline is None:
             shutil.rmtree(order.log_dir, ignore_errors=True)
@@ -92,8 +94,10 @@ async def fly_plan(order: FlightOrder, observer: Observer) -> Summary:
     return _leave(order, record.pipeline, record.facts)
 
 
-async def _run_until_stopped(flying: Coroutine[None, None, None], record: _Record) -> None:
-    """Runs it so that the first SIGINT or SIGTERM cancels it. Raises CompanionError."""
+async def _run_until_stopped(
+    flying: Coroutine[None, None, None], record: _Record, stop_signals: Sequence[signal.Signals]
+) -> None:
+    """Runs it so that the first of ``stop_signals`` cancels it. Raises CompanionError."""
     loop, task = asyncio.get_running_loop(), asyncio.ensure_future(flying)
     received: list[signal.Signals] = []
 
@@ -106,7 +110,7 @@ async def _run_until_stopped(flying: Coroutine[None, None, None], record: _Recor
         received.append(number)
         task.cancel()
 
-    for number in STOP_SIGNALS:
+    for number in stop_signals:
         loop.add_signal_handler(number, stop, number)
     try:
         await task
@@ -118,7 +122,7 @@ async def _run_until_stopped(flying: Coroutine[None, None, None], record: _Recor
             raise CompanionError(f"{reason} before take-off") from None
         record.facts.outcome, record.facts.reason = "aborted", reason
     finally:
-        for number in STOP_SIGNALS:
+        for number in stop_signals:
             loop.remove_signal_handler(number)
 
 
@@ -148,6 +152,8 @@ async def _fly(flight: Flight, record: _Record) -> None:
         facts.frames_dropped = flight.rig.camera.frames_dropped
         facts.collisions = flight.truth.collisions
         facts.minimum_clearance_m = flight.truth.minimum_clearance_m
+        facts.distance_flown_m = flight.truth.distance_flown_m
+        facts.truth = flight.truth.accounts
 
 
 def _request(order: FlightOrder) -> SimulationRequest | None:

@@ -66,7 +66,7 @@ async def fly(
         await rig.vehicle.send(step.verdict.setpoint)
         heartbeat.percept_s = rig.clock.now_s()
         _write(log, frame, telemetry, step)
-        truth.record()
+        truth.record(step.decision.phase)
         observer(step, pipeline)
     raise VehicleError("the camera has no more frames before the plan is flown")
 

@@ -9,6 +9,7 @@ from companion.kernel.messages import Phase
 from companion.plan import Plan
 from companion.scorecard import Account, Scorecard
 from companion.switch import Thresholds
+from companion.truth import TruthAccount
 
 Outcome = Literal["flown", "failed", "aborted"]
 FLOWN_PHASES = (Phase.INITIAL, Phase.LEARNING, Phase.TEST)
@@ -27,6 +28,11 @@ class PhaseSummary(msgspec.Struct, frozen=True, kw_only=True):
     tpr: float
     fpr: float
     auc: float
+    collisions: int | None
+    """From motion capture; null where no truth is known, and so are the next two."""
+    distance_flown_m: float | None
+    cells_visited: int | None
+    """Of the ground plan, CELL_M wide."""
 
 
 class Summary(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,6 +48,8 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     collisions: int | None
     """Contacts seen by motion capture; null where no truth is known."""
     minimum_clearance_m: float | None
+    distance_flown_m: float | None
+    """Along the path that motion capture saw, take-off and landing included."""
     overrides: int
     overrides_per_min: float
     """Per minute of the test phase."""
@@ -80,6 +88,8 @@ class FlightFacts(msgspec.Struct, kw_only=True):
     wall_s: float = 0.0
     collisions: int | None = None
     minimum_clearance_m: float | None = None
+    distance_flown_m: float | None = None
+    truth: dict[Phase, TruthAccount] = {}
 
 
 class Counted(Protocol):
@@ -99,7 +109,7 @@ def summarise(plan: Plan, plan_name: str, counted: Counted, facts: FlightFacts) 
     """The summary of a flight, finished or not."""
     accounts = counted.scorecard.accounts
     flown = [accounts[phase] for phase in FLOWN_PHASES]
-    phases = {phase.value: _phase_summary(accounts[phase]) for phase in FLOWN_PHASES}
+    phases = {p.value: _phase_summary(accounts[p], facts.truth.get(p)) for p in FLOWN_PHASES}
     test = phases[Phase.TEST.value]
     test_min = (test.stereo_flight_s + test.mono_flight_s) / 60.0
     return Summary(
@@ -111,6 +121,7 @@ def summarise(plan: Plan, plan_name: str, counted: Counted, facts: FlightFacts) 
         scheme=plan.experiment.scheme,
         collisions=facts.collisions,
         minimum_clearance_m=facts.minimum_clearance_m,
+        distance_flown_m=facts.distance_flown_m,
         overrides=test.overrides,
         overrides_per_min=test.overrides / test_min if test_min > 0 else math.nan,
         turns=test.turns,
@@ -134,7 +145,7 @@ def summarise(plan: Plan, plan_name: str, counted: Counted, facts: FlightFacts) 
     )
 
 
-def _phase_summary(account: Account) -> PhaseSummary:
+def _phase_summary(account: Account, truth: TruthAccount | None) -> PhaseSummary:
     score = account.score()
     return PhaseSummary(
         stereo_flight_s=account.stereo_flight_s,
@@ -147,6 +158,9 @@ def _phase_summary(account: Account) -> PhaseSummary:
         tpr=score.tpr,
         fpr=score.fpr,
         auc=score.auc,
+        collisions=truth.collisions if truth else None,
+        distance_flown_m=truth.distance_flown_m if truth else None,
+        cells_visited=len(truth.cells) if truth else None,
     )
 
 

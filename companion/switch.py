@@ -25,6 +25,8 @@ class ExperimentSettings(Settings, frozen=True):
     """Learning is frozen; mono flies, but for ``pure_stereo``."""
     dagger_beta: Annotated[float, Meta(ge=0, le=1)] = 0.25
     """Probability that DAgger lets stereo fly a frame of the learning phase."""
+    test_override: bool = True
+    """False: once learning is over stereo is off for good, and mono must persist without it."""
 
     def phase_at(self, elapsed_s: float) -> Phase:
         """The phase at this time since the experiment began."""
@@ -67,10 +69,12 @@ class Switch:
         self, percept: Percept, phase: Phase, thresholds: Thresholds, looks_ahead: bool
     ) -> Choice:
         """``looks_ahead``: the behaviour would act on this frame's obstacle (see Behaviour)."""
-        if self._scheduled_cue(phase) is Cue.STEREO or math.isnan(percept.mono_px):
+        scheduled = self._scheduled_cue(phase)
+        alone = scheduled is Cue.MONO and phase is Phase.TEST and not self.settings.test_override
+        if scheduled is Cue.STEREO or (math.isnan(percept.mono_px) and not alone):
             self.overriding = False
             return _choice(Cue.STEREO, False, percept.stereo_px, thresholds.stereo_px)
-        self.overriding = self._override_needed(percept, thresholds, looks_ahead)
+        self.overriding = not alone and self._override_needed(percept, thresholds, looks_ahead)
         if self.overriding:
             return _choice(Cue.STEREO, True, percept.stereo_px, thresholds.stereo_px)
         return _choice(Cue.MONO, False, percept.mono_px, thresholds.mono_px)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from companion.kernel.errors import PlanError
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings, convert_settings, read_toml
-from sitl.arena.textures import check_texture
+from sitl.arena.textures import check_texture, is_picture_file
 
 Positive = Annotated[float, Meta(gt=0.0)]
 Norm = Annotated[float, Meta(ge=0.0, le=1.0)]
@@ -166,6 +166,12 @@ def poster_limits_m(settings: RoomSettings, wall: SurfaceName) -> tuple[float, f
         return -north_m / 2, -east_m / 2, north_m / 2, east_m / 2
     width_m = east_m if wall in ("north", "south") else north_m
     return -width_m / 2, 0.0, width_m / 2, height_m
+
+
+def picture_names(settings: RoomSettings) -> list[str]:
+    """The PNG files that the room shows, relative to its own; photographs of others not."""
+    names = {texture for _, texture in _textures(settings)}
+    return sorted(name for name in names if is_picture_file(name))
 
 
 def _box_ned(box: BoxSettings) -> list[float]:

@@ -40,11 +40,16 @@ def check_texture(texture: str, key: str, folder: Path) -> None:
     """Raises PlanError, naming ``key``, unless ``texture`` can be painted."""
     if texture in PATTERNS:
         return
-    if texture.startswith(PHOTO) or texture.lower().endswith(".png"):
+    if texture.startswith(PHOTO) or is_picture_file(texture):
         _picture_path(texture, key, folder)
         return
     allowed = ", ".join(sorted(PATTERNS))
     raise PlanError(f"{key}: no texture {texture!r}; allowed: {allowed}, a .png file, photo:NAME")
+
+
+def is_picture_file(texture: str) -> bool:
+    """Whether it names a file beside the room's, rather than a pattern or a photograph."""
+    return not texture.startswith(PHOTO) and texture.lower().endswith(".png")
 
 
 def paint_texture(

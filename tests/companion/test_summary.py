@@ -52,6 +52,8 @@ def test_undefined_figures_are_null_in_the_file(summary):
     assert (table["outcome"], table["reason"]) == ("failed", "no take-off")
     assert [table[key] for key in ("mse", "auc", "real_time_factor", "collisions")] == [None] * 4
     assert list(table["phases"]) == ["initial", "learning", "test"]
+    truth = ("collisions", "distance_flown_m", "cells_visited")
+    assert [table["phases"]["test"][key] for key in truth] == [None] * 3
 
 
 def test_known_figures_are_told(pipeline):

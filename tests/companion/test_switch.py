@@ -82,3 +82,16 @@ def test_phases_follow_each_other_at_the_planned_times():
         Phase.INITIAL, Phase.INITIAL, Phase.LEARNING, Phase.LEARNING,
         Phase.TEST, Phase.TEST, Phase.DONE,
     ]  # fmt: skip
+
+
+def test_without_test_override_mono_is_alone_once_learning_is_over():
+    switch = make("training_wheels", test_override=False)
+    assert choose(switch, 9.0, 1.0, Phase.LEARNING).override
+    for stereo_px, mono_px, blocked in ((9.0, 1.0, False), (1.0, 3.6, True), (9.0, math.nan, None)):
+        alone = choose(switch, stereo_px, mono_px)
+        assert (alone.cue, alone.override, alone.blocked) == (Cue.MONO, False, blocked)
+    assert not switch.overriding
+
+
+def test_without_test_override_pure_stereo_still_flies_on_stereo():
+    assert choose(make("pure_stereo", test_override=False), 9.0, 1.0).cue is Cue.STEREO

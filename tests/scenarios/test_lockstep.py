@@ -44,6 +44,16 @@ def test_the_summary_has_every_figure(flown):
     assert flight_s == pytest.approx(24.0, abs=0.11)  # the first frame has no duration
 
 
+def test_the_summary_knows_how_far_it_flew(flown):
+    summary = json.loads(flown.bytes_of("summary.json"))
+    positions = flown.log.columns("/mocap")["truth_position_ned_m"]
+    path_m = np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()
+    assert summary["distance_flown_m"] == pytest.approx(path_m)
+    phases = summary["phases"].values()
+    assert sum(phase["distance_flown_m"] for phase in phases) <= summary["distance_flown_m"]
+    assert all(phase["cells_visited"] > 0 and phase["collisions"] == 0 for phase in phases)
+
+
 def test_the_phases_come_in_order_and_last_as_planned(flown):
     phases = list(flown.log.columns("/decision")["phase"])
     assert phases == [phase for phase, duration_s in PHASES for _ in range(duration_s * RATE_HZ)]

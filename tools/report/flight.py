@@ -13,12 +13,13 @@ from companion.flight import LOG_NAME, SUMMARY_NAME
 from companion.flightlog import FlightLog, Topic
 from companion.flightlog.schema import nan_restorer
 from companion.kernel.errors import RecordingError
-from companion.kernel.messages import Cue, Decision, Percept
+from companion.kernel.messages import Cue, Decision, MocapPose, Percept, Phase
 from companion.kernel.settings import convert_settings
 from companion.plan import Plan
 from companion.scorecard import Scorecard
 from companion.summary import FlightFacts, PhaseSummary, Summary, summarise
 from companion.switch import Choice, Thresholds
+from companion.truth import TruthCounter
 from sitl.arena.room import Room, load_room
 from tools.logs.recover import RECOVERED_SUFFIX
 
@@ -137,6 +138,20 @@ class ReportedFlight:
         shipped = ROOMS / f"{Path(self.plan.room).stem}.toml"
         return load_room(shipped) if shipped.is_file() else None
 
+    def _truth_counted(self) -> TruthCounter:
+        """Each pose in the phase of the frame that came next, as on board."""
+        counter = TruthCounter()
+        if not self.mocap:
+            return counter
+        phases = [Phase(phase) for phase in self.decision["phase"].tolist()] + [Phase.DONE]
+        next_frame = np.searchsorted(self.decision["stamp_ns"], self.mocap["stamp_ns"], "right")
+        for pose, frame in zip(self.log.read(Topic.MOCAP, MocapPose), next_frame, strict=True):
+            phase = phases[frame]
+            if phase is Phase.DONE:
+                counter.begin_landing()
+            counter.count(pose, phase)
+        return counter
+
     def _recounted(self, left: Summary | None) -> Summary:
         facts = FlightFacts(
             outcome=left.outcome if left else "flown" if self._reached_the_end else "failed",
@@ -144,9 +159,11 @@ class ReportedFlight:
             frames=len(self.time_s),
             sim_s=float(self.time_s[-1]),
         )
-        if self.mocap:
-            facts.collisions = int(self.mocap["truth_collisions"][-1])
-            facts.minimum_clearance_m = float(np.min(self.mocap["truth_clearance_m"]))
+        truth = self._truth_counted()
+        facts.collisions = truth.collisions
+        facts.minimum_clearance_m = truth.minimum_clearance_m
+        facts.distance_flown_m = truth.distance_flown_m
+        facts.truth = truth.accounts
         mono_px = self.mono_threshold_px(self.decision["phase"][-1])
         thresholds = Thresholds(
             self.plan.behaviour.turn_threshold_px,
