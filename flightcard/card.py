@@ -154,7 +154,7 @@ class FlightCard:
         return self.wait_until(lambda now: not now.armed, limit_s, "disarmed")
 
     def wait_until_said(self, text: str, limit_s: float = 10.0) -> float:
-        """The time at which a STATUSTEXT with ``text`` in it was heard, now or before."""
+        """The time of the first STATUSTEXT with ``text`` in it, now or before."""
 
         def said() -> list[float]:
             return [time_s for time_s, words in self.evidence.texts if text in words]

@@ -9,6 +9,7 @@ from companion import __version__
 from companion.flightlog import FlightLogWriter, FlightMetadata, Topic
 from companion.kernel.messages import Event, MocapPose, Telemetry
 from companion.kernel.protocols import MotionCapture
+from flightcard.machines import Text
 from flightcard.order import Order
 from flightcard.picture import draw_path
 from sitl.arena.room import load_room
@@ -31,7 +32,7 @@ class Evidence:
         self.folder = folder
         self.path: list[MocapPose] = []
         self.texts: list[tuple[float, str]] = []
-        """(time in s, STATUSTEXT)."""
+        """(time in s, STATUSTEXT); in lockstep when it was said, else when it was heard."""
         self.nearest: MocapPose | None = None
         """The pose with the least clearance in flight."""
         self._room = Path(order.request.room)
@@ -48,13 +49,14 @@ class Evidence:
             self._judge(pose)
         return poses
 
-    def note(self, telemetry: Telemetry, texts: Sequence[str]) -> None:
+    def note(self, telemetry: Telemetry, texts: Sequence[Text]) -> None:
         """To be called after whatever the vehicle did."""
         self.drain()
         self._log.write(Topic.TELEMETRY, telemetry)
-        for text in texts:
-            self.texts.append((telemetry.stamp_ns * 1e-9, text))
-            event = Event(stamp_ns=telemetry.stamp_ns, severity="info", text=text)
+        for text, said_s in texts:
+            time_s = telemetry.stamp_ns * 1e-9 if said_s is None else said_s
+            self.texts.append((time_s, text))
+            event = Event(stamp_ns=round(time_s * 1e9), severity="info", text=text)
             self._log.write(Topic.EVENT, event)
 
     def leave(self) -> None:

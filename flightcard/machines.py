@@ -22,13 +22,20 @@ PATIENT = MavsdkSettings(deadman=DeadmanSettings(stop_after_s=10.0))
 """A test's host may be busy with other tests; that it hangs is not what is tested."""
 
 
+class Text(NamedTuple):
+    """A STATUSTEXT; over MAVLink it does not say when, so that only the listener knows."""
+
+    text: str
+    time_s: float | None = None
+
+
 class Machine(NamedTuple):
     """An open vehicle, and what only a test may do with it."""
 
     rig: Rig
     inject: Callable[[Faults], Awaitable[float]]
     """Makes things go wrong; the vehicle's time from which they act."""
-    texts: Callable[[], list[str]]
+    texts: Callable[[], list[Text]]
     """STATUSTEXTs since the last call."""
     watch: Callable[[], Coroutine[Any, Any, NoReturn]] | None = None
     """Raises what the vehicle's process died of, when it does."""
@@ -45,8 +52,8 @@ async def open_lockstep(order: Order) -> AsyncIterator[Machine]:
     async def inject_now(faults: Faults) -> float:
         return inject(simulation.world, faults)
 
-    def texts() -> list[str]:
-        return [text.text for text in autopilot.drain_status_texts()]
+    def texts() -> list[Text]:
+        return [Text(said.text, said.time_s) for said in autopilot.drain_status_texts()]
 
     yield Machine(rig_of(simulation), inject_now, texts)
 
@@ -59,6 +66,10 @@ async def open_sitl_process(order: Order) -> AsyncIterator[Machine]:
     async with open_sitl(order.request, [any_port, any_port]) as child:
         _, for_texts, spare = (link.replace("udpin", "udpout") for link in child.links)
         with closing(TextListener(for_texts)) as listener:
+
+            def texts() -> list[Text]:
+                return [Text(text) for text in listener.drain()]
+
             loop = asyncio.get_running_loop()
             loop.add_reader(listener, listener.collect)
             try:
@@ -67,6 +78,6 @@ async def open_sitl_process(order: Order) -> AsyncIterator[Machine]:
                     MavsdkVehicle(child.endpoints.mavlink_url, clock, PATIENT) as vehicle,
                 ):
                     rig = Rig(vehicle, camera, clock, camera)
-                    yield Machine(rig, child.inject, listener.drain, child.watch, spare)
+                    yield Machine(rig, child.inject, texts, child.watch, spare)
             finally:
                 loop.remove_reader(listener)
