@@ -52,7 +52,7 @@ class FlightCard:
         self._runner = runner
         self._frames = cast(AsyncGenerator[StereoFrame, None], machine.rig.camera.frames())
         self._telemetry = machine.rig.vehicle.telemetry()
-        self._run(self._inject(order.faults))
+        self._run(machine.inject(order.faults))
 
     # -- what is known -------------------------------------------------------------------------
 
@@ -86,10 +86,11 @@ class FlightCard:
 
     def fly_plan(self) -> Summary:
         """The companion flies the marker's plan from the ground to the ground."""
-        if not self._order.plan_path.is_file():
+        plan_path = self._order.plan_path
+        if plan_path is None:
             raise PlanError("fly_plan: no plan; name one: @pytest.mark.flight(plan=...)")
         order = FlightOrder(
-            plan=self._order.plan, plan_path=self._order.plan_path, log_dir=self.evidence.folder
+            plan=self._order.plan, plan_path=plan_path, log_dir=self.evidence.folder
         )
         return self._run(fly_rig(order, self._rig, lambda step, pipeline: self._note()))
 
@@ -115,7 +116,7 @@ class FlightCard:
 
     def inject(self, **faults: Any) -> float:  # noqa: ANN401 - checked against Faults
         """``wind_ned_m_s``, ``charge_norm``, ``motor_efficiency_norm``; the time they act from."""
-        return self._run(self._inject(convert_settings(faults, Faults, "inject")))
+        return self._run(self._machine.inject(convert_settings(faults, Faults, "inject")))
 
     def next_frame(self) -> StereoFrame:
         """The stereo pair of the next exposure."""
@@ -217,9 +218,6 @@ class FlightCard:
     async def _arm(self) -> None:
         await self._rig.vehicle.arm()
         await self._wait(lambda: self.telemetry.armed, HEARTBEAT_LIMIT_S, "armed")
-
-    async def _inject(self, faults: Faults) -> float:
-        return await self._machine.inject(faults)
 
     async def _run_for(self, duration_s: float) -> None:
         end_s = self.time_s + duration_s

@@ -1,7 +1,7 @@
 """The two vehicles a card can fly: in this process on simulated time, or in one of its own."""
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, closing
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -33,7 +33,7 @@ class Machine(NamedTuple):
     """An open vehicle, and what only a test may do with it."""
 
     rig: Rig
-    inject: Callable[[Faults], Awaitable[float]]
+    inject: Callable[[Faults], Coroutine[Any, Any, float]]
     """Makes things go wrong; the vehicle's time from which they act."""
     texts: Callable[[], list[Text]]
     """STATUSTEXTs since the last call."""

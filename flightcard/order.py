@@ -46,7 +46,8 @@ class Order(NamedTuple):
     """One vehicle, as it will be made."""
 
     plan: Plan
-    plan_path: Path
+    plan_path: Path | None
+    """None flies by verbs only."""
     request: SimulationRequest
     faults: Faults
 
@@ -64,7 +65,7 @@ def order_from(wishes: Mapping[str, Any], folders: Folders, log_dir: Path) -> Or
         log_dir=str(log_dir),
         settings={**plan.sitl, **wanted.sitl},
     )
-    return Order(plan, path or folders.test / "no plan", request, wanted.faults)
+    return Order(plan, path, request, wanted.faults)
 
 
 def _room(wanted: Wishes, plan: Plan, plan_path: Path | None, folders: Folders) -> Path:

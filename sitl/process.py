@@ -65,7 +65,10 @@ class SitlProcess:
         line = await self._process.stdout.readline()
         if not line:
             raise SimulatorError("the simulator died before a fault could be injected")
-        return msgspec.json.decode(line, type=InjectedLine).time_s
+        try:
+            return msgspec.json.decode(line, type=InjectedLine).time_s
+        except msgspec.MsgspecError as error:
+            raise SimulatorError(f"the simulator refused a fault: {line.decode()}") from error
 
 
 @asynccontextmanager
