@@ -23,7 +23,8 @@ class BehaviourSettings(Settings, frozen=True):
     """Stereo turns when λ exceeds it; also what makes a frame a positive in the ROC."""
     override_threshold_px: Positive = 5.0
     """Stereo takes the control from mono when its λ exceeds it."""
-    forward_speed_m_s: Annotated[float, Meta(gt=0, le=3)] = 0.5
+    forward_speed_m_s: Annotated[float, Meta(ge=0, le=3)] = 0.5
+    """0 hovers where it took off."""
     yaw_rate_deg_s: Annotated[float, Meta(gt=0, le=180)] = 45.0
     heading_tolerance_deg: Annotated[float, Meta(gt=0, le=45)] = 5.0
     unknown_limit_s: Positive = 1.0

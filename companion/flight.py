@@ -83,11 +83,29 @@ async def fly_plan(
     aborted flight is in the summary. Only a process's main thread can listen to ``stop_signals``.
     """
     record = _Record()
+    flying = _run_until_stopped(_open_and_fly(order, observer, record), record, stop_signals)
     try:
-        await _run_until_stopped(_open_and_fly(order, observer, record), record, stop_signals)
-    except CompanionError as error:
+        return await _summarised(order, record, flying)
+    except CompanionError:
         if record.pipeline is None:
             shutil.rmtree(order.log_dir, ignore_errors=True)
+        raise
+
+
+async def fly_rig(order: FlightOrder, rig: Rig, observer: Observer) -> Summary:
+    """``fly_plan`` with devices that somebody else has opened, and closes."""
+    record = _Record()
+    return await _summarised(order, record, _log_and_fly(order, rig, observer, record))
+
+
+async def _summarised(
+    order: FlightOrder, record: _Record, flying: Coroutine[None, None, None]
+) -> Summary:
+    """Flies, and leaves what a flight leaves once it has begun, also when it fails."""
+    try:
+        await flying
+    except CompanionError as error:
+        if record.pipeline is None:
             raise
         record.facts.outcome, record.facts.reason = "failed", str(error)
     assert record.pipeline is not None
@@ -132,11 +150,15 @@ async def _open_and_fly(order: FlightOrder, observer: Observer, record: _Record)
         rig.camera,
         rig.vehicle,
     ):
-        pipeline = _pipeline(order, rig)
-        with _open_log(order, rig) as log:
-            _reserve_summary(order, pipeline)
-            record.pipeline = pipeline
-            await _fly(Flight(rig, pipeline, log, _counting(observer, record.facts)), record)
+        await _log_and_fly(order, rig, observer, record)
+
+
+async def _log_and_fly(order: FlightOrder, rig: Rig, observer: Observer, record: _Record) -> None:
+    pipeline = _pipeline(order, rig)
+    with _open_log(order, rig) as log:
+        _reserve_summary(order, pipeline)
+        record.pipeline = pipeline
+        await _fly(Flight(rig, pipeline, log, _counting(observer, record.facts)), record)
 
 
 async def _fly(flight: Flight, record: _Record) -> None:

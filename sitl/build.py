@@ -15,6 +15,7 @@ from sitl.airframe import AirframeState
 from sitl.arena.camera import StereoCameraModel
 from sitl.arena.contact import RoomContact
 from sitl.arena.room import load_room
+from sitl.follower import Follower
 from sitl.settings import SitlSettings
 from sitl.simulator import World
 
@@ -78,6 +79,24 @@ def build(
     chosen = convert_settings(dict(settings), SitlSettings, "sitl")
     room = load_room(room_path)
     world = World(room, chosen, seed, RoomContact(room))
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CAMERA_STREAM,)))
-    camera = MountedCamera(world, StereoCameraModel(room, chosen.camera, rng))
+    model = StereoCameraModel(room, chosen.camera, _camera_rng(seed))
+    camera = MountedCamera(world, model)
     return Simulation(world, camera, camera_rate_hz)
+
+
+def build_follower(
+    room_path: Path,
+    settings: Mapping[str, Any],
+    seed: int,
+    camera_rate_hz: float,
+    rest_height_m: float,
+) -> Follower:
+    """The room and the camera of ``build``, for a vehicle that flies elsewhere."""
+    chosen = convert_settings(dict(settings), SitlSettings, "sitl")
+    room = load_room(room_path)
+    camera = StereoCameraModel(room, chosen.camera, _camera_rng(seed))
+    return Follower(room, camera, RoomContact(room), camera_rate_hz, rest_height_m)
+
+
+def _camera_rng(seed: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CAMERA_STREAM,)))

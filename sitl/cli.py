@@ -3,8 +3,6 @@
 import gc
 import json
 import logging
-import os
-import select
 import signal
 import sys
 import threading
@@ -19,12 +17,13 @@ import typer
 from companion.kernel.clock import WallClock
 from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, CompanionError, PlanError
 from companion.kernel.settings import read_toml
-from sitl.build import build
+from sitl.build import build, build_follower
 from sitl.mavlink.links import UdpLink
+from sitl.mavlink.poses import PoseListener
 from sitl.mavlink.server import MavlinkServer
 from sitl.mavlink.tlog import TelemetryLog
-from sitl.process import ReadyLine
-from sitl.server import CameraServer, RealTimeServer
+from sitl.parent import Parent, ReadyLine
+from sitl.server import CameraServer, RealTimeServer, follow
 
 DEFAULT_MAVLINK = "udpout://127.0.0.1:14540?local_port=14580"
 DEFAULT_CAMERA = "tcp://127.0.0.1:14590"
@@ -70,7 +69,10 @@ def run(
         Path | None, typer.Option(help="Existing folder for flight.tlog, the first link's log.")
     ] = None,
     until_stdin_closes: Annotated[
-        bool, typer.Option(help="End when stdin closes: for a parent process.")
+        bool,
+        typer.Option(
+            help="For a parent process: take faults as lines of JSON on stdin, end when it closes."
+        ),
     ] = False,
 ) -> None:
     """Fly in real time until SIGINT or SIGTERM.
@@ -78,9 +80,7 @@ def run(
     When ready, prints one line of JSON on stdout: {"ready": true, "mavlink": [URL, ...], "camera":
     URL}, with the ports that were really taken.
     """
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda _number, _frame: stop.set())
+    stop = _stopped_by_signals()
     with ExitStack() as open_things:
         links = [_closed_by(open_things, UdpLink(url)) for url in mavlink or [DEFAULT_MAVLINK]]
         simulation = build(room, _read_settings(settings), seed, camera_rate)
@@ -96,7 +96,65 @@ def run(
         gc.freeze()  # what lives until now lives to the end; looking through it costs milliseconds
         ready = ReadyLine(mavlink=[link.url for link in links], camera=frames.url)
         typer.echo(msgspec.json.encode(ready))
-        server.run(lambda: stop.is_set() or (until_stdin_closes and _stdin_closed()))
+        parent = Parent(simulation.world) if until_stdin_closes else None
+        server.run(lambda: stop.is_set() or (parent is not None and parent.has_gone()))
+
+
+@app.command()
+def arena(
+    room: Annotated[Path, typer.Argument(help="Room (TOML); see flightplans/rooms.")],
+    pose: Annotated[
+        str,
+        typer.Option(
+            metavar="URL",
+            help="Link of the autopilot that flies: udpin://HOST:PORT waits for it, "
+            "udpout://HOST:PORT speaks first.",
+        ),
+    ],
+    camera: Annotated[
+        str, typer.Option(metavar="URL", help="Where stereo frames are published; port 0: any.")
+    ] = DEFAULT_CAMERA,
+    camera_rate: Annotated[float, typer.Option(metavar="HZ", min=1, max=120)] = 10.0,
+    rest_height: Annotated[
+        float, typer.Option(metavar="M", min=0, help="Of the vehicle's centre above its feet.")
+    ] = 0.06,
+    seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
+    settings: Annotated[
+        Path | None, typer.Option(help="The plan's [sitl] table, as a TOML or JSON file.")
+    ] = None,
+    until_stdin_closes: Annotated[
+        bool, typer.Option(help="For a parent process: end when stdin closes.")
+    ] = False,
+) -> None:
+    """Put the room around another autopilot until SIGINT or SIGTERM.
+
+    Poses come from HIL_STATE_QUATERNION, else ODOMETRY, else LOCAL_POSITION_NED and ATTITUDE.
+    Prints the same line as `sitl run` when ready, and at the end one with the count of collisions.
+    """
+    stop = _stopped_by_signals()
+    with ExitStack() as open_things:
+        listener = PoseListener(pose)
+        open_things.callback(listener.close)
+        follower = build_follower(room, _read_settings(settings), seed, camera_rate, rest_height)
+        frames = CameraServer(camera, follower.calibration)
+        open_things.callback(frames.close)
+        typer.echo(msgspec.json.encode(ReadyLine(mavlink=[listener.url], camera=frames.url)))
+        parent = Parent() if until_stdin_closes else None
+        follow(
+            listener,
+            follower,
+            frames,
+            lambda: stop.is_set() or (parent is not None and parent.has_gone()),
+        )
+        source = None if listener.source is None else listener.source.name
+        typer.echo(msgspec.json.encode(follower.visit(source)))
+
+
+def _stopped_by_signals() -> threading.Event:
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: stop.set())
+    return stop
 
 
 def _closed_by(stack: ExitStack, link: UdpLink) -> UdpLink:
@@ -118,11 +176,6 @@ def _read_settings(path: Path | None) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise PlanError(f"{path}: must hold a table, not {type(table).__name__}")
     return table
-
-
-def _stdin_closed() -> bool:
-    readable, _, _ = select.select([sys.stdin], [], [], 0.0)
-    return bool(readable) and not os.read(sys.stdin.fileno(), 1024)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

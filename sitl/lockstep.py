@@ -39,7 +39,12 @@ HEIGHT_TOLERANCE_M = 0.15
 async def open_rig(request: SimulationRequest) -> AsyncIterator[Rig]:
     """The entry point ``lockstep`` of the companion's simulators."""
     simulation = build(Path(request.room), request.settings, request.seed, request.camera_rate_hz)
-    yield Rig(
+    yield rig_of(simulation)
+
+
+def rig_of(simulation: Simulation) -> Rig:
+    """The simulation as the companion sees it."""
+    return Rig(
         LockstepVehicle(simulation),
         LockstepCamera(simulation),
         LockstepClock(simulation),
@@ -129,12 +134,15 @@ class LockstepVehicle(_Opened):
             connected=True,
         )
 
-    async def take_off(self, height_m: float) -> None:
+    async def arm(self) -> None:
         with suppress(VehicleError):  # arming then says what is missing
             await self._run_until(
                 lambda: self._autopilot.status.ready_to_arm, READY_LIMIT_S, "ready"
             )
         self._accept(self._autopilot.arm(), "arm")
+
+    async def take_off(self, height_m: float) -> None:
+        await self.arm()
         self._accept(self._autopilot.take_off(height_m), "take off")
         await self._run_until(lambda: self._hovers_at(height_m), CLIMB_LIMIT_S, "at height")
 

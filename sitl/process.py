@@ -7,15 +7,18 @@ import socket
 import sys
 from asyncio.subprocess import PIPE, Process
 from collections import deque
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
+from typing import NamedTuple, NoReturn
 
 import msgspec
 
 from companion.kernel.errors import CompanionError, PlanError, SimulatorError
 from companion.kernel.messages import SimulationRequest
 from companion.kernel.protocols import Endpoints
+from sitl.faults import Faults
+from sitl.parent import InjectedLine, ReadyLine
 
 logger = logging.getLogger(__name__)
 
@@ -30,12 +33,42 @@ LAST_WORD = "sitl: "
 """How the child's last line begins when it ends in an error: the text of ours, so not logged."""
 
 
-class ReadyLine(msgspec.Struct, frozen=True, kw_only=True):
-    """The one line that ``sitl run`` prints, as JSON."""
+class _Child(NamedTuple):
+    process: Process
+    ready: ReadyLine
+    errors: deque[str]
+    """The last lines on its stderr."""
 
-    ready: bool = True
-    mavlink: list[str]
-    camera: str
+
+class SitlProcess:
+    """A running child: where it can be reached, and a way to make things go wrong in it."""
+
+    def __init__(self, child: _Child, endpoints: Endpoints) -> None:
+        self.endpoints = endpoints
+        self.links = child.ready.mavlink
+        """All MAVLink URLs as the child has them, the companion's first."""
+        self._child = child
+        self._process = child.process
+
+    async def watch(self) -> NoReturn:
+        """Waits for the child's death, and raises what it died of."""
+        await self._process.wait()
+        raise _death(self._process, self._child.errors, "died in flight")
+
+    async def inject(self, faults: Faults) -> float:
+        """The world's time at which the child did it. Raises SimulatorError when it is gone."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        with suppress(ConnectionError):
+            self._process.stdin.write(msgspec.json.encode(faults) + b"\n")
+            await self._process.stdin.drain()
+        line = await self._process.stdout.readline()
+        if not line:
+            raise SimulatorError("the simulator died before a fault could be injected")
+        try:
+            return msgspec.json.decode(line, type=InjectedLine).time_s
+        except msgspec.MsgspecError as error:
+            raise SimulatorError(f"the simulator refused a fault: {line.decode()}") from error
 
 
 @asynccontextmanager
@@ -44,17 +77,41 @@ async def launch(request: SimulationRequest) -> AsyncIterator[Endpoints]:
 
     Raises SimulatorError when the process does not come up, or dies while it is needed.
     """
+    async with open_sitl(request) as child:
+        yield child.endpoints
+
+
+@asynccontextmanager
+async def open_sitl(
+    request: SimulationRequest, more_links: Sequence[str] = ()
+) -> AsyncIterator[SitlProcess]:
+    """``launch`` for those who want more of the child than a flight does."""
     with reserved_mavlink_port() as port:
-        process = await _start(request, port)
-        errors: deque[str] = deque(maxlen=KEPT_ERROR_LINES)
-        relay = asyncio.create_task(_relay_errors(process, errors), name="sitl's stderr")
-        try:
-            ready = await _await_ready(process, relay, errors)
-            async with _watched(process, relay, errors):
-                yield Endpoints(f"udpin://{HOST}:{port}", ready.camera)
-        finally:
-            await _end(process)
-            await relay
+        words = _run_words(request, [f"udpout://{HOST}:{port}", *more_links])
+        async with _open(words) as child:
+            yield SitlProcess(child, Endpoints(f"udpin://{HOST}:{port}", child.ready.camera))
+
+
+@asynccontextmanager
+async def open_arena(request: SimulationRequest, pose_url: str) -> AsyncIterator[str]:
+    """``sitl arena`` as a child, around the autopilot at ``pose_url``; the URL of its frames."""
+    words = ["arena", request.room, "--pose", pose_url, *_camera_words(request)]
+    async with _open(words) as child:
+        yield child.ready.camera
+
+
+@asynccontextmanager
+async def _open(words: Sequence[str]) -> AsyncIterator[_Child]:
+    process = await _start(words)
+    errors: deque[str] = deque(maxlen=KEPT_ERROR_LINES)
+    relay = asyncio.create_task(_relay_errors(process, errors), name="sitl's stderr")
+    try:
+        ready = await _await_ready(process, relay, errors)
+        async with _watched(process, relay, errors):
+            yield _Child(process, ready, errors)
+    finally:
+        await _end(process)
+        await relay
 
 
 @contextmanager
@@ -80,26 +137,32 @@ def _can_bind(opened: socket.socket, port: int) -> bool:
     return True
 
 
-async def _start(request: SimulationRequest, port: int) -> Process:
-    log_dir = Path(request.log_dir)
-    settings = log_dir / "sitl.json"
+def _run_words(request: SimulationRequest, links: Sequence[str]) -> list[str]:
+    link_words = (word for link in links for word in ("--mavlink", link))
+    speed_words = ("--speed", str(request.speed), "--log-dir", request.log_dir)
+    return ["run", request.room, *link_words, *speed_words, *_camera_words(request)]
+
+
+def _camera_words(request: SimulationRequest) -> list[str]:
+    """What every child is told. Raises SimulatorError when the settings cannot be left for it."""
+    settings = Path(request.log_dir) / "sitl.json"
     try:
         settings.write_text(json.dumps(request.settings, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise SimulatorError(f"{settings}: cannot be written: {error.strerror}") from error
     options = {
-        "--mavlink": f"udpout://{HOST}:{port}",
         "--camera": f"tcp://{HOST}:0",
         "--camera-rate": str(request.camera_rate_hz),
-        "--speed": str(request.speed),
         "--seed": str(request.seed),
         "--settings": str(settings),
-        "--log-dir": str(log_dir),
     }
-    words = [word for option in options.items() for word in option]
+    return [word for option in options.items() for word in option]
+
+
+async def _start(words: Sequence[str]) -> Process:
     # A session of its own: an interrupt from the terminal is the companion's, which first lands.
     return await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "sitl", "run", request.room, "--until-stdin-closes", *words),
+        *(sys.executable, "-m", "sitl", *words, "--until-stdin-closes"),
         stdin=PIPE,
         stdout=PIPE,
         stderr=PIPE,

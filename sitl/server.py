@@ -14,6 +14,8 @@ from companion.kernel.calibration import StereoCalibration
 from companion.kernel.clock import WallClock, wall_s
 from companion.kernel.errors import PlanError, SimulatorError
 from companion.kernel.messages import MocapPose, StereoFrame
+from sitl.follower import Follower
+from sitl.mavlink.poses import PoseListener
 from sitl.mavlink.server import MavlinkServer
 
 logger = logging.getLogger(__name__)
@@ -157,3 +159,17 @@ class RealTimeServer:
                 self._clock.speed,
                 lag_s * 1e3,
             )
+
+
+def follow(
+    listener: PoseListener, follower: Follower, frames: CameraServer, stopped: Callable[[], bool]
+) -> None:
+    """Publishes what the room shows to a vehicle that flies elsewhere, until ``stopped()``."""
+    while not stopped():
+        select.select([listener], [], [], LONGEST_SLICE_S)
+        for report in listener.receive():
+            follower.take(report)
+        seen = follower.look()
+        frames.publish_truth(deque(seen.poses))
+        for frame in seen.frames:
+            frames.publish_frame(frame)

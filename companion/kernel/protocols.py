@@ -58,6 +58,10 @@ class Vehicle(_Device, Protocol):
         """The newest state, without waiting."""
         ...
 
+    async def arm(self) -> None:
+        """As soon as the autopilot is ready. It disarms by itself when nothing follows."""
+        ...
+
     async def take_off(self, height_m: float) -> None:
         """Arms, climbs to ``height_m`` above home and hovers there."""
         ...

@@ -92,9 +92,23 @@ class MavsdkVehicle:
         self._check_link()
         return self._slots.telemetry()
 
+    async def arm(self) -> None:
+        """Tries until the autopilot is ready; it refuses while its estimator settles."""
+        began_ns = self.telemetry().stamp_ns
+        while True:
+            try:
+                await _ask("arm", self._action.arm)
+                break
+            except VehicleError as error:
+                if (self.telemetry().stamp_ns - began_ns) * 1e-9 > self._settings.ready_limit_s:
+                    missing = self._slots.missing_for_arming or "nothing reported missing"
+                    raise VehicleError(f"{error}; not ready: {missing}") from error
+            await self._clock.sleep(ARM_RETRY_PERIOD_S)
+        self._armed_stamp_ns = self.telemetry().stamp_ns
+
     async def take_off(self, height_m: float) -> None:
         await _ask("set the take-off height", self._action.set_takeoff_altitude, height_m)
-        await self._arm()
+        await self.arm()
         await _ask("take off", self._action.takeoff)
         await self._confirm(
             f"hovering at {height_m:g} m",
@@ -171,20 +185,6 @@ class MavsdkVehicle:
         except OffboardError as error:
             raise LinkError(f"{self._url}: cannot send a setpoint: {_reason(error)}") from error
         self._deadman.feed()
-
-    async def _arm(self) -> None:
-        """Tries until the autopilot is ready; it refuses while its estimator settles."""
-        began_ns = self.telemetry().stamp_ns
-        while True:
-            try:
-                await _ask("arm", self._action.arm)
-                break
-            except VehicleError as error:
-                if (self.telemetry().stamp_ns - began_ns) * 1e-9 > self._settings.ready_limit_s:
-                    missing = self._slots.missing_for_arming or "nothing reported missing"
-                    raise VehicleError(f"{error}; not ready: {missing}") from error
-            await self._clock.sleep(ARM_RETRY_PERIOD_S)
-        self._armed_stamp_ns = self.telemetry().stamp_ns
 
     async def _confirm_mode(
         self, mode: FlightMode, meanwhile: Callable[[], None] | None = None

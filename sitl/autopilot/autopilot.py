@@ -104,6 +104,10 @@ class Autopilot:
     def set_parameter(self, name: str, value: float) -> bool:
         return change_parameter(self.parameters, name, value)
 
+    def set_charge(self, charge_norm: float) -> None:
+        """A fault of the battery: its state of charge jumps."""
+        self._battery.charge_norm = charge_norm
+
     def drain_status_texts(self) -> list[StatusText]:
         texts = list(self._texts)
         self._texts.clear()

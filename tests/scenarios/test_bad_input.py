@@ -64,7 +64,7 @@ def plan_in(tmp_path):
         ("behavior.height_m=1", "behavior: unknown key; did you mean 'behaviour'?"),
         ("behaviour.height_m=high", "behaviour.height_m: Expected `float`, got `str`"),
         ("experiment.initial_s=-3", "experiment.initial_s: Expected `float` >= 0.0"),
-        ("experiment.initial_s=nan", "experiment.initial_s: Expected `float` >= 0.0"),
+        ("experiment.initial_s=nan", "experiment.initial_s: nan; must be a finite number"),
         ("experiment.scheme=foo", "allowed: pure_stereo, cold_turkey, dagger, training_wheels"),
         ("behaviour.height_m=9", "behaviour.height_m: 9.0 exceeds safety.geofence_height_m"),
         ("camera.rate_hz=7", "camera rate 7 Hz: its period must be a whole number of physics"),

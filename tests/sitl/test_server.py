@@ -3,6 +3,7 @@
 import asyncio
 import json
 import logging
+import os
 import signal
 import socket
 import subprocess
@@ -18,6 +19,7 @@ from companion.kernel.errors import LinkError, PlanError, SimulatorError
 from companion.kernel.messages import SimulationRequest
 from sitl.cli import main
 from sitl.mavlink.links import UdpLink
+from sitl.parent import Parent
 from sitl.process import launch, reserved_mavlink_port
 from sitl.server import CameraServer, RealTimeServer
 
@@ -157,6 +159,25 @@ def test_a_signal_ends_it_cleanly(tmp_path):
     out, error = process.communicate(timeout=LIMIT_S)
     assert (process.returncode, out, error) == (0, b"", b"")
     assert (tmp_path / "flight.tlog").stat().st_size > 0
+
+
+def test_a_parent_injects_faults_and_closes_stdin_to_end_it(flight, monkeypatch, capsys):
+    read, write = os.pipe()
+    monkeypatch.setattr(sys, "stdin", os.fdopen(read))
+    parent = Parent(flight.world)
+    assert not parent.has_gone()
+    os.write(write, b'{"charge_norm":0.5}\n{"wind":3}\n{"charge_n')
+    assert not parent.has_gone()
+    done, refused = map(json.loads, capsys.readouterr().out.splitlines())
+    assert done == {"time_s": 0.0}
+    assert "unknown field `wind`" in refused["error"]
+    assert flight.autopilot.status.battery_norm == 0.5
+    os.write(write, b'orm":0.4}\n')
+    assert not parent.has_gone()
+    assert flight.autopilot.status.battery_norm == 0.4
+    os.close(write)
+    assert parent.has_gone()
+    sys.stdin.close()
 
 
 def request(tmp_path, **changes):
