@@ -281,6 +281,8 @@ class Autopilot:
         self._ready = ready
 
     def _intend(self, mode: FlightMode) -> Ack:
+        if mode is FlightMode.MISSION and self.plans.mission.complete:
+            self.plans.mission.restart()
         self._intended = mode
         self._failsafe.overrule()
         return Ack.ACCEPTED

@@ -98,6 +98,7 @@ class Mission:
         self.restart()
 
     def restart(self) -> None:
+        """From the first item, as if it had never been flown."""
         self.begun = False
         """Whether any of it was flown."""
         self.select(0)

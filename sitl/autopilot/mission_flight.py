@@ -58,8 +58,6 @@ class FlyMission(Mode):
         self._visit = -1
         self._stages: list[_Stage] = []
         self._stay = GoTo(NAN3, self._speed_m_s)
-        if mission.complete:
-            mission.restart()
         mission.begun = True
 
     @property
