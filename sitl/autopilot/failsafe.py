@@ -164,9 +164,7 @@ class Failsafe:
         parameters = self._parameters
         tilts = (("FD_FAIL_R", now.roll_rad), ("FD_FAIL_P", now.pitch_rad))
         names = [
-            name
-            for name, angle_rad in tilts
-            if 0.0 < math.radians(parameters[name]) < abs(angle_rad)
+            name for name, angle_rad in tilts if 0 < parameters[name] < abs(math.degrees(angle_rad))
         ]
         if not names:
             self._tilted_since_s = math.nan

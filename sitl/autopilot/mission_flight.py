@@ -58,7 +58,6 @@ class FlyMission(Mode):
         self._visit = -1
         self._stages: list[_Stage] = []
         self._stay = GoTo(NAN3, self._speed_m_s)
-        mission.begun = True
 
     @property
     def leg(self) -> Mode:
@@ -86,7 +85,7 @@ class FlyMission(Mode):
         if self.over:
             return
         if self._visit != self.mission.visits:
-            self._visit = self.mission.visits
+            self._visit, self.mission.begun = self.mission.visits, True
             self._stages = self._begin(estimate)
         if self._stages and self._stages[0].done(estimate):
             self._keep_place(self._stages.pop(0).leg)

@@ -1,7 +1,6 @@
 """Flight modes: each turns an estimate into a goal, and remembers what it holds on to."""
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Final
 
@@ -18,10 +17,12 @@ _UP_M_S2: Final = 0.05  # an acceleration that is meant to leave the ground
 _NOSE_AHEAD_M: Final = 0.5  # closer than this the direction to a place means little
 
 
-class Mode(ABC):
-    @abstractmethod
+class Mode:
+    """Base of all modes; no ABC, whose isinstance() is slow and asked at every step."""
+
     def goal(self, estimate: Estimate) -> Goal:
         """What to fly now; asked for at every step in the air."""
+        raise NotImplementedError
 
     @property
     def leg(self) -> "Mode":

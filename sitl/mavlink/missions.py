@@ -27,6 +27,8 @@ RETRY_S: Final = 0.25
 """Simulated time after which an item is asked for again (PX4's)."""
 GIVE_UP_S: Final = 5.0
 """Simulated time without an item that ends an upload (PX4's)."""
+LOOK_PERIOD_S: Final = 0.02
+"""Simulated time between two looks at what has changed."""
 
 _MISSION: Final = mavlink.MAV_MISSION_TYPE_MISSION
 _FENCE: Final = mavlink.MAV_MISSION_TYPE_FENCE
@@ -86,6 +88,7 @@ class MissionProtocol:
         """The client and last item of the upload that was accepted last."""
         self._stored: dict[int, list[Item]] = {_MISSION: [], _FENCE: [], _RALLY: []}
         self._told = autopilot.status.mission
+        self._due_s = 0.0
         self.handlers: Mapping[int, Callable[[Message, Reply], None]] = {
             mavlink.MAVLINK_MSG_ID_MISSION_COUNT: self._on_count,
             mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT: self._on_item,
@@ -100,8 +103,14 @@ class MissionProtocol:
         }
 
     def update(self) -> list[Message]:
-        """Asks again where an answer is late; returns what all links are to be told."""
+        """Asks again where an answer is late; returns what all links are to be told.
+
+        May be called at every step of the world: it looks fifty times a second.
+        """
         upload, time_s = self._upload, self._time_s()
+        if time_s < self._due_s:
+            return []
+        self._due_s = time_s + LOOK_PERIOD_S
         if upload is not None:
             if time_s - upload.heard_s >= GIVE_UP_S:
                 self._end_upload(mavlink.MAV_MISSION_OPERATION_CANCELLED, "Upload timed out")

@@ -7,6 +7,7 @@ import pytest
 from companion.kernel.messages import NAN, FlightMode, LandedState
 from sitl.autopilot.interface import Ack, AttitudeSetpoint, ManualInput, OffboardSetpoint
 from sitl.autopilot.mission import Waypoint
+from sitl.mavlink import modes
 
 CENTRED = ManualInput(0.0, 0.0, 0.0, 0.0)
 NO_RATES = (NAN, NAN, 0.0)
@@ -34,6 +35,38 @@ IN_FLIGHT = [
 
 def prepare(flight, mode):
     PREPARATIONS.get(mode, lambda _: None)(flight)
+
+
+@pytest.mark.parametrize(
+    ("mode", "custom_mode", "base_mode"),
+    [
+        (FlightMode.POSITION, 0x00030000, 209),
+        (FlightMode.TAKEOFF, 0x02040000, 157),
+        (FlightMode.HOLD, 0x03040000, 157),
+        (FlightMode.MISSION, 0x04040000, 157),
+        (FlightMode.RTL, 0x05040000, 157),
+        (FlightMode.LAND, 0x06040000, 157),
+        (FlightMode.OFFBOARD, 0x00060000, 145),
+    ],
+)
+def test_modes_have_px4s_numbers(mode, custom_mode, base_mode):
+    assert modes.custom_mode(mode) == custom_mode
+    assert modes.base_mode(mode, armed=True) == base_mode
+    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24
+    assert modes.requested_mode(129, main, sub) is mode
+
+
+@pytest.mark.parametrize(
+    ("ready", "armed", "failsafe", "state"),
+    [
+        (False, False, False, 0),
+        (True, False, False, 3),
+        (True, True, False, 4),
+        (True, True, True, 5),
+    ],
+)
+def test_a_failsafe_is_told_as_critical(ready, armed, failsafe, state):
+    assert modes.system_status(ready, armed, failsafe) == state
 
 
 def test_from_every_mode_to_every_other(airborne):

@@ -64,7 +64,11 @@ class Row(NamedTuple):
 
 
 OFFBOARD, STICKS, LINK = "No offboard setpoints", "Manual control lost", "Ground station lost"
-FENCE, CRITICAL, EMERGENCY = "Geofence exceeded", "Critical battery level", "Dangerous battery level"
+FENCE, CRITICAL, EMERGENCY = (
+    "Geofence exceeded",
+    "Critical battery level",
+    "Dangerous battery level",
+)
 TABLE = [
     Row(no_setpoints, "COM_OBL_RC_ACT", 0, 1.0, RTL, RTL, OFFBOARD),
     Row(no_setpoints_but_sticks, "COM_OBL_RC_ACT", 0, 1.0, POSITION, POSITION, OFFBOARD),
