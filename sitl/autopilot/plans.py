@@ -61,7 +61,7 @@ class Plans:
         if math.isnan(north_m):
             return None
         distance_m = math.hypot(north_m, east_m)
-        if not located and distance_m > self._parameters["MIS_DIST_1WP"]:
+        if not located and 0.0 < self._parameters["MIS_DIST_1WP"] < distance_m:
             return f"first place is {distance_m:.0f} m away"
         if not self.inside_fence((north_m, east_m, down_m if flown else 0.0)):
             return "outside the geofence"

@@ -66,11 +66,11 @@ class Item(NamedTuple):
         """From MISSION_ITEM_INT or the older MISSION_ITEM. Raises RejectedItemError."""
         m, x, y = message, message.x, message.y
         if m.get_msgId() == mavlink.MAVLINK_MSG_ID_MISSION_ITEM:
-            if not (math.isfinite(x) and math.isfinite(y)):
-                raise RejectedItemError(
-                    m.seq, mavlink.MAV_MISSION_INVALID_PARAM5_X, "place not finite"
-                )
             scale = LOCAL_SCALE if m.frame == _LOCAL else GLOBAL_SCALE
+            if not max(abs(x * scale), abs(y * scale)) < _UNUSED_INT:  # NaN as well
+                raise RejectedItemError(
+                    m.seq, mavlink.MAV_MISSION_INVALID_PARAM5_X, "place out of range"
+                )
             x, y = round(x * scale), round(y * scale)
         parameters = (m.param1, m.param2, m.param3, m.param4)
         return cls(m.seq, m.frame, m.command, m.autocontinue, *parameters, x, y, m.z)

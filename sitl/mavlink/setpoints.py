@@ -32,7 +32,8 @@ _IGNORE_RATES = (1, 2, 4)
 _IGNORE_THRUST = 64
 _IGNORE_ATTITUDE = 128
 _NO_AXIS = 0x7FFF
-_SHORTEST_QUATERNION = 0.5  # of length 1 in theory; zeros are what clients send that forget it
+# Of length 1 in theory; zeros are what clients send that forget it.
+_SHORTEST_QUATERNION, _LONGEST_QUATERNION = 0.5, 2.0
 
 
 def offboard_setpoint(
@@ -49,7 +50,7 @@ def offboard_setpoint(
     position = _masked((message.x, message.y, message.z), _IGNORE_POSITION, mask)
     velocity = _masked((message.vx, message.vy, message.vz), _IGNORE_VELOCITY, mask)
     acceleration = _masked((message.afx, message.afy, message.afz), _IGNORE_ACCELERATION, mask)
-    yaw_rad = NAN if mask & _IGNORE_YAW else message.yaw
+    yaw_rad = NAN if mask & _IGNORE_YAW else _finite(message.yaw)
     if frame in _BODY_FRAMES:
         position = _turned(position, estimate.yaw_rad)
         velocity = _turned(velocity, estimate.yaw_rad)
@@ -59,7 +60,7 @@ def offboard_setpoint(
         position = (position[0] + north_m, position[1] + east_m, position[2] + down_m)
     if frame == mavlink.MAV_FRAME_BODY_OFFSET_NED:
         yaw_rad = wrap_angle_rad(yaw_rad + estimate.yaw_rad)
-    yaw_rate_rad_s = NAN if mask & _IGNORE_YAW_RATE else message.yaw_rate
+    yaw_rate_rad_s = NAN if mask & _IGNORE_YAW_RATE else _finite(message.yaw_rate)
     return OffboardSetpoint(position, velocity, yaw_rad, yaw_rate_rad_s, acceleration)
 
 
@@ -67,8 +68,8 @@ def attitude_setpoint(message: mavlink.MAVLink_message) -> AttitudeSetpoint:
     """SET_ATTITUDE_TARGET; angles that are ignored, or no rotation, leave the rates to fly."""
     mask = message.type_mask
     rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
-    unusable = not math.hypot(*message.q) > _SHORTEST_QUATERNION
-    angles = NAN3 if mask & _IGNORE_ATTITUDE or unusable else euler_from_quaternion(message.q)
+    usable = _SHORTEST_QUATERNION < math.hypot(*message.q) < _LONGEST_QUATERNION
+    angles = NAN3 if mask & _IGNORE_ATTITUDE or not usable else euler_from_quaternion(message.q)
     rates_frd_rad_s = _masked(rates, _IGNORE_RATES, mask)
     thrust_norm = 0.0 if mask & _IGNORE_THRUST else message.thrust
     return AttitudeSetpoint(*angles, rates_frd_rad_s, thrust_norm)
@@ -86,8 +87,15 @@ def _stick(thousandths: int) -> float:
 
 
 def _masked(vector: Vector3, bits: tuple[int, int, int], mask: int) -> Vector3:
-    x, y, z = (NAN if mask & bit else value for value, bit in zip(vector, bits, strict=True))
+    x, y, z = (
+        NAN if mask & bit else _finite(value) for value, bit in zip(vector, bits, strict=True)
+    )
     return x, y, z
+
+
+def _finite(value: float) -> float:
+    """Infinite is as good as not given."""
+    return value if math.isfinite(value) else NAN
 
 
 def _turned(vector_hfrd: Vector3, yaw_rad: float) -> Vector3:

@@ -3,13 +3,14 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.frames import quaternion_from_euler
+from companion.kernel.messages import FlightMode
 from sitl.autopilot.interface import Estimate
-from sitl.mavlink.setpoints import attitude_setpoint, manual_input, offboard_setpoint
+from sitl.mavlink.setpoints import FRAMES, attitude_setpoint, manual_input, offboard_setpoint
 
 IGNORE_POSITION, IGNORE_VELOCITY, IGNORE_YAW, IGNORE_YAW_RATE = 7, 56, 1024, 2048
 POSITION = (1.0, 2.0, -3.0)
@@ -125,3 +126,38 @@ def test_a_body_acceleration_is_turned_to_ned():
     setpoint = offboard_setpoint(message, estimate(yaw_rad=math.pi / 2))
     assert setpoint.acceleration_ned_m_s2 == pytest.approx((0.0, 1.0, -0.5))
     assert all(math.isnan(speed) for speed in setpoint.velocity_ned_m_s)
+
+
+any_float = st.floats(width=32)
+streams = st.lists(
+    st.one_of(
+        st.builds(
+            mavlink.MAVLink_set_position_target_local_ned_message,
+            *(st.just(0), st.just(1), st.just(1), st.sampled_from(sorted(FRAMES))),
+            *(st.integers(0, 0xFFFF), *[any_float] * 11),
+        ),
+        st.builds(
+            mavlink.MAVLink_set_attitude_target_message,
+            *(st.just(0), st.just(1), st.just(1), st.integers(0, 0xFF)),
+            *(st.tuples(*[any_float] * 4), *[any_float] * 4),
+        ),
+    ),
+    min_size=1,
+    max_size=5,
+)
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(streams)
+def test_no_setpoint_breaks_the_vehicle(make_flight, stream):
+    """It may fall, but what it is stays a number."""
+    flight = make_flight()
+    flight.take_off(1.0)
+    for message in stream:
+        now = flight.autopilot.estimate
+        is_attitude = message.get_type() == "SET_ATTITUDE_TARGET"
+        setpoint = attitude_setpoint(message) if is_attitude else offboard_setpoint(message, now)
+        flight.autopilot.set_offboard_setpoint(setpoint)
+        flight.autopilot.set_mode(FlightMode.OFFBOARD)
+        flight.run(0.2)
+    assert all(math.isfinite(place) for place in flight.world.truth.position_ned_m)

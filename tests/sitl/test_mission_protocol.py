@@ -327,6 +327,12 @@ messages = st.one_of(
         mavlink.MAVLink_mission_request_int_message,
         *(st.just(1), st.just(1), st.integers(0, 9), st.sampled_from([0, 1, 2, 7, 255])),
     ),
+    st.builds(
+        mavlink.MAVLink_mission_item_message,
+        *(st.just(1), st.just(1), st.integers(0, 5), st.integers(0, 21)),
+        *(st.sampled_from([16, 22, 177]), st.just(0), st.integers(0, 1)),
+        *[st.floats(width=32)] * 7,
+    ),
     st.builds(mavlink.MAVLink_mission_set_current_message, *[st.integers(0, 9)] * 3),
     st.builds(mavlink.MAVLink_mission_clear_all_message, *[st.integers(0, 2)] * 3),
 )
