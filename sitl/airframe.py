@@ -97,6 +97,9 @@ class Airframe:
         self._set_roll = self._node("fcs/roll-setpoint-rad").set_double_value
         self._set_pitch = self._node("fcs/pitch-setpoint-rad").set_double_value
         self._set_yaw_rate = self._node("fcs/yaw-rate-setpoint-rad_sec").set_double_value
+        self._set_rates_given = self._node("fcs/rates-given").set_double_value
+        self._set_roll_rate = self._node("fcs/roll-rate-command-rad_sec").set_double_value
+        self._set_pitch_rate = self._node("fcs/pitch-rate-command-rad_sec").set_double_value
         self._set_collective = self._node("fcs/collective-norm").set_double_value
         self._set_spin = self._node("propulsion/spin").set_double_value
         self._set_push_norm = self._node("external_reactions/push/magnitude").set_double_value
@@ -148,11 +151,23 @@ class Airframe:
         return self.mass_kg * GRAVITY_M_S2 / greatest_n
 
     def command(
-        self, roll_rad: float, pitch_rad: float, yaw_rate_rad_s: float, thrust_norm: float
+        self,
+        roll_rad: float,
+        pitch_rad: float,
+        yaw_rate_rad_s: float,
+        thrust_norm: float,
+        roll_rate_rad_s: float = math.nan,
+        pitch_rate_rad_s: float = math.nan,
     ) -> None:
-        """Setpoints of the inner loops, kept until the next call."""
-        self._set_roll(roll_rad)
-        self._set_pitch(pitch_rad)
+        """Setpoints of the inner loops, kept until the next call; rates go before angles."""
+        if math.isnan(roll_rate_rad_s) or math.isnan(pitch_rate_rad_s):
+            self._set_rates_given(0.0)
+            self._set_roll(roll_rad)
+            self._set_pitch(pitch_rad)
+        else:
+            self._set_rates_given(1.0)
+            self._set_roll_rate(roll_rate_rad_s)
+            self._set_pitch_rate(pitch_rate_rad_s)
         self._set_yaw_rate(yaw_rate_rad_s)
         self._set_collective(thrust_norm)
 

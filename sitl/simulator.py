@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.kernel.errors import PlanError
 from companion.kernel.frames import Vector3, quaternion_from_euler
-from companion.kernel.messages import FlightMode, LandedState, MocapPose
+from companion.kernel.messages import LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
 from sitl.hull import (
@@ -169,7 +169,8 @@ class World:
 
     def _sets_down_on(self, normal: Vector3) -> bool:
         """Whether this is a landing on a desk: a touchdown, not a collision."""
-        return self.autopilot.status.mode is FlightMode.LAND and normal[2] < -_LEVEL
+        landing = self.autopilot.landed_state is LandedState.LANDING
+        return landing and normal[2] < -_LEVEL
 
     def _touch_floor(self, feet_m: float) -> None:
         """The floor is where take-off and landing happen; elsewhere it is an obstacle like any."""

@@ -43,7 +43,12 @@ class Arming:
 
 
 def arming_problems(
-    *, estimator_ready: bool, battery_ok: bool, offboard_without_setpoints: bool, upright: bool
+    *,
+    estimator_ready: bool,
+    battery_ok: bool,
+    offboard_without_setpoints: bool,
+    upright: bool,
+    ground_station_missed: bool,
 ) -> list[str]:
     """Why arming is refused now; empty when it is not."""
     problems = (
@@ -51,5 +56,6 @@ def arming_problems(
         (not battery_ok, "battery too low"),
         (offboard_without_setpoints, "no offboard setpoints"),
         (not upright, "vehicle is not level"),
+        (ground_station_missed, "no ground station"),
     )
     return [text for is_so, text in problems if is_so]

@@ -13,24 +13,28 @@ from sitl.autopilot.arming import Arming, arming_problems
 from sitl.autopilot.battery import Battery
 from sitl.autopilot.control import RELAXED, AttitudeCommand
 from sitl.autopilot.estimator import Estimator
-from sitl.autopilot.failsafe import ACTION_MODES, Action, Failsafe, Situation
+from sitl.autopilot.failsafe import Failsafe, Situation
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.ground import GroundState
+from sitl.autopilot.inputs import Inputs
 from sitl.autopilot.interface import (
     Ack,
+    AttitudeSetpoint,
     Estimate,
+    ManualInput,
     OffboardSetpoint,
     Severity,
     StatusText,
     VehicleStatus,
 )
 from sitl.autopilot.parameters import change_parameter, default_parameters
+from sitl.autopilot.plans import Plans
+from sitl.autopilot.reactions import ACTION_MODES, Action
 from sitl.settings import BatterySettings, EstimatorSettings
 
 CONTROL_HZ: Final = 50
-_UPRIGHT_RAD: Final = math.radians(60.0)  # PX4's failure detector, FD_FAIL_R and FD_FAIL_P
+_UPRIGHT_RAD: Final = math.radians(60.0)  # to be armed
 _TEXTS_KEPT: Final = 500  # while no link takes them; then the oldest go
-_SELECTABLE: Final = (FlightMode.HOLD, FlightMode.OFFBOARD, FlightMode.LAND, FlightMode.TAKEOFF)
 
 
 class MotorCommand(NamedTuple):
@@ -59,13 +63,16 @@ class Autopilot:
         self._now_s = now_s
         self._estimator = Estimator(estimator, CONTROL_HZ, rng)
         self._battery = Battery(battery)
-        self._flight = Flight(self.parameters, hover_thrust_norm, CONTROL_HZ)
+        self.plans = Plans(self.parameters)
+        self._inputs = Inputs(self.parameters, now_s)
+        self._flight = Flight(
+            self.parameters, hover_thrust_norm, CONTROL_HZ, self._inputs, self.plans
+        )
         self._arming = Arming(self.parameters)
-        self._failsafe = Failsafe(self.parameters)
+        self._failsafe = Failsafe(self.parameters, self._inputs)
         self._texts: deque[StatusText] = deque(maxlen=_TEXTS_KEPT)
         self._ready = False
         self._intended = FlightMode.HOLD
-        self._setpoint_s = -math.inf
         self._motors_norm = start.motors_norm
         self.estimate: Estimate = self._estimator.update(start)
 
@@ -99,6 +106,7 @@ class Autopilot:
             roll_setpoint_rad=command.roll_rad,
             pitch_setpoint_rad=command.pitch_rad,
             yaw_rate_setpoint_rad_s=command.yaw_rate_rad_s,
+            mission=self.plans.mission.progress(self._mode_now() is FlightMode.MISSION),
         )
 
     def set_parameter(self, name: str, value: float) -> bool:
@@ -118,15 +126,15 @@ class Autopilot:
             return Ack.ACCEPTED
         problems = self._arming_problems()
         if problems and not force:
-            self._say(Severity.CRITICAL, f"Arming denied: {', '.join(problems)}")
+            self.announce(Severity.CRITICAL, f"Arming denied: {', '.join(problems)}")
             return Ack.TEMPORARILY_REJECTED
         self._arming.arm(self._now_s())
-        self._say(Severity.INFO, "Armed by external command")
+        self.announce(Severity.INFO, "Armed by external command")
         return Ack.ACCEPTED
 
     def disarm(self, force: bool = False) -> Ack:
         if self.airborne and not force:
-            self._say(Severity.CRITICAL, "Disarming denied: not landed")
+            self.announce(Severity.CRITICAL, "Disarming denied: not landed")
             return Ack.TEMPORARILY_REJECTED
         if self._arming.armed:
             self._stop_motors("Disarmed by external command")
@@ -151,19 +159,24 @@ class Autopilot:
             return self.land()
         if mode is FlightMode.TAKEOFF:
             return self.take_off()
-        blind = mode is FlightMode.OFFBOARD and self._arming.armed and self._setpoints_lost()
-        if mode not in _SELECTABLE or blind:
-            return self._refuse(mode)
-        return self._intend(mode)
+        return self._intend(mode) if self._available(mode) else self._refuse(mode)
 
-    def set_offboard_setpoint(self, setpoint: OffboardSetpoint) -> None:
-        self._flight.setpoint = setpoint
-        self._setpoint_s = self._now_s()
+    def set_offboard_setpoint(self, setpoint: OffboardSetpoint | AttitudeSetpoint) -> None:
+        self._inputs.take_setpoint(setpoint)
+
+    def set_manual_input(self, sticks: ManualInput) -> None:
+        self._inputs.take_sticks(sticks)
+
+    def hear_ground_station(self) -> None:
+        self._inputs.hear_ground_station()
+
+    def announce(self, severity: Severity, text: str) -> None:
+        self._texts.append(StatusText(self._now_s(), severity, text))
 
     def terminate(self, reason: str) -> None:
         """Motors off at once, wherever the vehicle is."""
         if self._arming.armed:
-            self._say(Severity.CRITICAL, f"Flight terminated: {reason}")
+            self.announce(Severity.CRITICAL, f"Flight terminated: {reason}")
             self._stop_motors("Disarmed by failure detector")
 
     # -- flying --------------------------------------------------------------------------------
@@ -180,12 +193,20 @@ class Autopilot:
         if not self._arming.armed:
             self._announce_readiness()
             return MotorCommand(False, RELAXED)
-        if self._flight.take_off_done and self._intended is FlightMode.TAKEOFF:
-            self._intended = FlightMode.HOLD
+        self._go_on()
         may_lift_off = self._arming.spooled_up(estimate.time_s) and not (
-            self._intended is FlightMode.OFFBOARD and self._setpoints_lost()
+            self._intended is FlightMode.OFFBOARD and self._inputs.setpoints_lost
         )
         return MotorCommand(True, self._flight.step(estimate, self._mode_now(), may_lift_off))
+
+    def _go_on(self) -> None:
+        """Enters the mode that follows on a take-off or a mission, once that is done."""
+        following = self._flight.next_mode
+        if following is None or self._mode_now() is not self._intended:
+            return
+        if self._intended is FlightMode.MISSION:
+            self.announce(Severity.INFO, "Mission finished")
+        self._intended = following
 
     def _feel_ground(self, estimate: Estimate) -> None:
         """Reports lift-off and touch-down, and disarms what has stood for long enough."""
@@ -193,29 +214,26 @@ class Autopilot:
         self._flight.feel_ground(estimate)
         if before is GroundState.LIFTING_OFF and ground.state is GroundState.FLYING:
             self._arming.left_ground()
-            self._say(Severity.INFO, "Takeoff detected")
+            self.announce(Severity.INFO, "Takeoff detected")
         elif ground.standing and before is not GroundState.STANDING:
             self._arming.touched_ground(estimate.time_s)
-            self._say(Severity.INFO, "Landing detected")
+            self.announce(Severity.INFO, "Landing detected")
         reason = self._arming.reason_to_disarm(estimate.time_s, ground.standing)
         if reason is not None:
             self._stop_motors(reason)
 
     def _watch(self, estimate: Estimate) -> None:
         """Lets the failsafes judge."""
-        was_active = self._failsafe.active
-        situation = Situation(
-            self._intended is FlightMode.OFFBOARD,
-            estimate.time_s - self._setpoint_s,
-            self._battery.charge_norm,
-            estimate.position_ned_m,
-            self._upright(),
+        before = self._failsafe.action
+        inside = self.plans.inside_fence(estimate.position_ned_m)
+        causes = self._failsafe.update(
+            Situation(self._intended, estimate, self._battery.charge_norm, inside)
         )
-        causes = self._failsafe.update(situation)
-        if self._failsafe.active and not was_active:
-            self._say(Severity.CRITICAL, "Failsafe activated")
+        words = self._failsafe.words(before)
+        if words is not None:
+            self.announce(Severity.CRITICAL, words)
         for cause in causes:
-            self._say(Severity.WARNING, cause)
+            self.announce(Severity.WARNING, cause)
         if self._failsafe.action is Action.TERMINATE:
             self.terminate(", ".join(self._failsafe.causes))
 
@@ -225,19 +243,37 @@ class Autopilot:
         """The commanded mode, unless a failsafe has taken over."""
         return ACTION_MODES.get(self._failsafe.action, self._intended)
 
-    def _setpoints_lost(self) -> bool:
-        return self._now_s() - self._setpoint_s > self.parameters["COM_OF_LOSS_T"]
+    def _available(self, mode: FlightMode) -> bool:
+        """Whether this mode can be flown now; take-off and landing say so themselves."""
+        if mode is FlightMode.OFFBOARD:
+            return not (self._arming.armed and self._inputs.setpoints_lost)
+        if mode is FlightMode.POSITION:
+            return not self._inputs.sticks_lost
+        if mode is FlightMode.MISSION:
+            return self._mission_flyable()
+        return mode in (FlightMode.HOLD, FlightMode.RTL)
+
+    def _mission_flyable(self) -> bool:
+        """A fence or parameter may have come after the mission that it forbids."""
+        items = self.plans.mission.items
+        problem = self.plans.problem(items)
+        if problem is not None:
+            self.announce(Severity.CRITICAL, f"Mission item {problem.item}: {problem.text}")
+        return bool(items) and problem is None
 
     def _upright(self) -> bool:
         return max(abs(self.estimate.roll_rad), abs(self.estimate.pitch_rad)) < _UPRIGHT_RAD
 
     def _arming_problems(self) -> list[str]:
-        offboard = self._intended is FlightMode.OFFBOARD
+        offboard, inputs = self._intended is FlightMode.OFFBOARD, self._inputs
         return arming_problems(
             estimator_ready=self._estimator.ready(self.estimate.time_s),
             battery_ok=self._battery.charge_norm > self.parameters["BAT_CRIT_THR"],
-            offboard_without_setpoints=offboard and self._setpoints_lost(),
+            offboard_without_setpoints=offboard and inputs.setpoints_lost,
             upright=self._upright(),
+            ground_station_missed=(
+                self.parameters["NAV_DLL_ACT"] > 0 and inputs.ground_station_lost
+            ),
         )
 
     # -- changes of state ----------------------------------------------------------------------
@@ -245,24 +281,23 @@ class Autopilot:
     def _announce_readiness(self) -> None:
         ready = not self._arming_problems()
         if ready and not self._ready:
-            self._say(Severity.INFO, "Ready for takeoff!")
+            self.announce(Severity.INFO, "Ready for takeoff!")
         self._ready = ready
 
     def _intend(self, mode: FlightMode) -> Ack:
+        if mode is FlightMode.MISSION and self.plans.mission.complete:
+            self.plans.mission.restart()
         self._intended = mode
         self._failsafe.overrule()
         return Ack.ACCEPTED
 
     def _refuse(self, mode: FlightMode) -> Ack:
-        self._say(Severity.CRITICAL, f"Mode {mode.value} is not available now")
+        self.announce(Severity.CRITICAL, f"Mode {mode.value} is not available now")
         return Ack.TEMPORARILY_REJECTED
 
     def _stop_motors(self, reason: str) -> None:
-        self._say(Severity.INFO, reason)
+        self.announce(Severity.INFO, reason)
         self._arming.disarm()
         self._flight.stop()
         self._failsafe.reset()
         self._intended = FlightMode.HOLD
-
-    def _say(self, severity: Severity, text: str) -> None:
-        self._texts.append(StatusText(self._now_s(), severity, text))

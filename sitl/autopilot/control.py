@@ -32,6 +32,8 @@ class Goal(NamedTuple):
 
     Position axes of NaN are steered by velocity; with a position, the velocity is added to what the
     position asks for. A yaw rate of NaN steers to ``yaw_rad``, or keeps the heading if that is NaN.
+    The acceleration is added to the loops' own; with a velocity of NaN it is all there is, on both
+    level axes if on one.
     """
 
     position_ned_m: Vector3 = NAN3
@@ -39,6 +41,8 @@ class Goal(NamedTuple):
     yaw_rad: float = NAN
     yaw_rate_rad_s: float = NAN
     climb_limit_m_s: float = math.inf
+    level_limit_m_s: float = math.inf
+    acceleration_ned_m_s2: Vector3 = (0.0, 0.0, 0.0)
 
 
 class AttitudeCommand(NamedTuple):
@@ -48,6 +52,9 @@ class AttitudeCommand(NamedTuple):
     pitch_rad: float
     yaw_rate_rad_s: float
     thrust_norm: float
+    roll_rate_rad_s: float = NAN
+    """With ``pitch_rate_rad_s`` flown instead of the angles, unless NaN."""
+    pitch_rate_rad_s: float = NAN
 
 
 RELAXED: Final = AttitudeCommand(0.0, 0.0, 0.0, 0.0)
@@ -97,9 +104,12 @@ class Controller:
 
     def _level_acceleration(self, goal: Goal, estimate: Estimate) -> tuple[float, float]:
         """(north, east) acceleration that follows the goal, drag compensated."""
-        parameters = self._parameters
+        parameters, level = self._parameters, self._level
+        push_north, push_east, _ = goal.acceleration_ned_m_s2
         v_north, v_east = self._level_velocity(goal, estimate)
-        level = self._level
+        if v_north != v_north or v_east != v_east:  # NaN: steered by acceleration
+            level.reset(*estimate.velocity_ned_m_s[:2])
+            return push_north + self._integral_north, push_east + self._integral_east
         level.step(v_north, v_east, parameters["MPC_ACC_HOR"], parameters["MPC_JERK_AUTO"])
         error_north = level.expected_north_m_s - estimate.velocity_ned_m_s[0]
         error_east = level.expected_east_m_s - estimate.velocity_ned_m_s[1]
@@ -109,11 +119,16 @@ class Controller:
         self._integral_east = _bounded(self._integral_east + rate * error_east, limit)
         gain = parameters["MPC_XY_VEL_P_ACC"]
         return (
-            level.north_m_s2
+            push_north
+            + level.north_m_s2
             + _DRAG_1_S * level.north_m_s
             + gain * error_north
             + self._integral_north,
-            level.east_m_s2 + _DRAG_1_S * level.east_m_s + gain * error_east + self._integral_east,
+            push_east
+            + level.east_m_s2
+            + _DRAG_1_S * level.east_m_s
+            + gain * error_east
+            + self._integral_east,
         )
 
     def _level_velocity(self, goal: Goal, estimate: Estimate) -> tuple[float, float]:
@@ -125,7 +140,8 @@ class Controller:
             v_north += gain * (north - estimate.position_ned_m[0])
         if east == east:
             v_east += gain * (east - estimate.position_ned_m[1])
-        speed, limit = math.hypot(v_north, v_east), self._parameters["MPC_XY_VEL_MAX"]
+        limit = min(self._parameters["MPC_XY_VEL_MAX"], goal.level_limit_m_s)
+        speed = math.hypot(v_north, v_east)
         if speed > limit:
             v_north, v_east = v_north * limit / speed, v_east * limit / speed
         return v_north, v_east
@@ -135,6 +151,9 @@ class Controller:
         v_down = goal.velocity_ned_m_s[2]
         if goal.position_ned_m[2] == goal.position_ned_m[2]:
             v_down += parameters["MPC_Z_P"] * (goal.position_ned_m[2] - estimate.position_ned_m[2])
+        if v_down != v_down:  # NaN: steered by acceleration
+            self._down.reset(estimate.velocity_ned_m_s[2])
+            return goal.acceleration_ned_m_s2[2] + self._integral_down
         fastest_up = min(parameters["MPC_Z_VEL_MAX_UP"], goal.climb_limit_m_s)
         v_down = max(-fastest_up, min(parameters["MPC_Z_VEL_MAX_DN"], v_down))
         down = self._down
@@ -150,7 +169,8 @@ class Controller:
             _DOWN_INTEGRAL_LIMIT_M_S2,
         )
         return (
-            down.acceleration
+            goal.acceleration_ned_m_s2[2]
+            + down.acceleration
             + _DRAG_1_S * down.speed
             + parameters["MPC_Z_VEL_P_ACC"] * error
             + self._integral_down

@@ -3,12 +3,20 @@
 from typing import Final
 
 from companion.kernel.messages import NAN, FlightMode, LandedState
+from sitl.autopilot.attitude import attitude_command
 from sitl.autopilot.control import RELAXED, AttitudeCommand, Controller, Goal
 from sitl.autopilot.ground import GroundDetector, GroundState
-from sitl.autopilot.interface import NAN3, Estimate, OffboardSetpoint
+from sitl.autopilot.inputs import Inputs
+from sitl.autopilot.interface import NAN3, AttitudeSetpoint, Estimate, OffboardSetpoint
+from sitl.autopilot.manual import Position
+from sitl.autopilot.mission_flight import FlyMission
 from sitl.autopilot.modes import Hold, Land, Mode, Offboard, TakeOff
 from sitl.autopilot.parameters import Number
+from sitl.autopilot.plans import Plans
+from sitl.autopilot.returning import Return
 
+_HOME_NED_M: Final = (0.0, 0.0, 0.0)
+_SINKS_M_S: Final = 1.0  # what less thrust than the weight is taken to mean, without a controller
 _LIFT_RAMP_S: Final = 1.0  # lift grows over this time at take-off (PX4's MPC_TKO_RAMP_T is 3 s)
 
 
@@ -16,14 +24,19 @@ class Flight:
     """One vehicle's motion. ``step`` is to be called at a steady rate while the motors turn."""
 
     def __init__(
-        self, parameters: dict[str, Number], hover_thrust_norm: float, update_hz: int
+        self,
+        parameters: dict[str, Number],
+        hover_thrust_norm: float,
+        update_hz: int,
+        inputs: Inputs,
+        plans: Plans,
     ) -> None:
         self._parameters = parameters
+        self._inputs = inputs
+        self._plans = plans
         self._hover_norm = hover_thrust_norm
         self.controller = Controller(parameters, hover_thrust_norm, update_hz)
         self.ground = GroundDetector(update_hz)
-        self.setpoint = OffboardSetpoint()
-        """What offboard mode flies."""
         self.take_off_height_m = NAN
         """What the next take-off climbs to."""
         self.stop()
@@ -41,8 +54,12 @@ class Flight:
         return not self.ground.standing
 
     @property
-    def take_off_done(self) -> bool:
-        return isinstance(self._mode, TakeOff) and self._mode.done
+    def next_mode(self) -> FlightMode | None:
+        """What comes by itself after the mode that is flown; None while it goes on."""
+        mode = self._mode
+        if isinstance(mode, FlyMission) and mode.over:
+            return FlightMode.RTL if mode.calls_for_return else FlightMode.HOLD
+        return FlightMode.HOLD if isinstance(mode, TakeOff) and mode.done else None
 
     @property
     def landed_state(self) -> LandedState:
@@ -50,48 +67,81 @@ class Flight:
             return LandedState.ON_GROUND
         if self.ground.state is GroundState.LIFTING_OFF:
             return LandedState.TAKING_OFF
-        if isinstance(self._mode, TakeOff):
-            return LandedState.TAKING_OFF if self._mode.low else LandedState.IN_AIR
-        return LandedState.LANDING if isinstance(self._mode, Land) else LandedState.IN_AIR
+        leg = self._mode.leg
+        if isinstance(leg, TakeOff):
+            return LandedState.TAKING_OFF if leg.low else LandedState.IN_AIR
+        return LandedState.LANDING if isinstance(leg, Land) else LandedState.IN_AIR
 
     def feel_ground(self, estimate: Estimate) -> None:
         lift_norm = self.command.thrust_norm / self._hover_norm
-        self.ground.update(estimate, self.controller.descent_setpoint_m_s, lift_norm)
+        descent_m_s = self.controller.descent_setpoint_m_s
+        if self._attitude_setpoint() is not None:
+            descent_m_s = _SINKS_M_S if lift_norm < 1.0 else 0.0
+        self.ground.update(estimate, descent_m_s, lift_norm)
 
     def step(self, estimate: Estimate, mode: FlightMode, may_lift_off: bool) -> AttitudeCommand:
         """What the airframe is to do now to follow ``mode``."""
         if mode is not self._flown:
             self._mode = self._begin(mode, estimate)
             self._flown = mode
-        if isinstance(self._mode, Offboard):
-            self._mode.setpoint = self.setpoint
+        setpoint = self._inputs.setpoint
+        if isinstance(self._mode, Offboard) and isinstance(setpoint, OffboardSetpoint):
+            self._mode.setpoint = setpoint
+        elif isinstance(self._mode, Position):
+            self._mode.sticks = self._inputs.sticks
         if self.ground.standing and may_lift_off and self._wants_up(estimate):
             self.ground.lift_off(estimate)
         self.command = self._command(estimate)
         return self.command
 
     def _command(self, estimate: Estimate) -> AttitudeCommand:
-        ground = self.ground
+        ground, attitude = self.ground, self._attitude_setpoint()
+        if ground.standing:
+            self._mode.stand(estimate)
         if ground.standing or ground.state is GroundState.TOUCHING:
             self.controller.reset(estimate)
             return RELAXED
-        self.goal = self._mode.goal(estimate)
+        self.goal = self._mode.goal(estimate) if attitude is None else Goal()
         if ground.state is GroundState.LIFTING_OFF and ground.time_in_state_s < _LIFT_RAMP_S:
             self.controller.reset(estimate)
             lift_norm = ground.time_in_state_s / _LIFT_RAMP_S
             return AttitudeCommand(0.0, 0.0, 0.0, self._hover_norm * lift_norm)
+        if attitude is not None:
+            self.controller.reset(estimate)
+            return attitude_command(attitude, estimate, self._parameters)
         return self.controller.update(self.goal, estimate)
 
+    def _attitude_setpoint(self) -> AttitudeSetpoint | None:
+        """What offboard mode flies past the controller, if that is what it flies."""
+        setpoint = self._inputs.setpoint
+        by_attitude = isinstance(self._mode, Offboard) and isinstance(setpoint, AttitudeSetpoint)
+        return setpoint if by_attitude and isinstance(setpoint, AttitudeSetpoint) else None
+
     def _begin(self, mode: FlightMode, estimate: Estimate) -> Mode:
+        parameters, setpoint = self._parameters, self._inputs.setpoint
         if mode is FlightMode.TAKEOFF:
-            return TakeOff(estimate, self.take_off_height_m, self._parameters)
+            return TakeOff(estimate, self.take_off_height_m, parameters)
         if mode is FlightMode.LAND:
-            return Land(self._parameters)
+            return Land(parameters)
         if mode is FlightMode.OFFBOARD:
-            return Offboard(self.setpoint)
-        return Hold(self.goal.position_ned_m if self.take_off_done else NAN3)
+            return Offboard(
+                setpoint if isinstance(setpoint, OffboardSetpoint) else OffboardSetpoint()
+            )
+        if mode is FlightMode.POSITION:
+            return Position(self._inputs.sticks, parameters)
+        if mode is FlightMode.MISSION:
+            return FlyMission(self._plans.mission, self.ground, parameters)
+        if mode is FlightMode.RTL:
+            places = (_HOME_NED_M, *self._plans.rally_ned_m)
+            return Return(estimate, places, lambda: parameters["MPC_XY_CRUISE"], parameters)
+        return Hold(self.goal.position_ned_m if self.next_mode is FlightMode.HOLD else NAN3)
 
     def _wants_up(self, estimate: Estimate) -> bool:
+        attitude = self._attitude_setpoint()
+        if attitude is not None:
+            return attitude.thrust_norm > self._hover_norm
         if isinstance(self._mode, Offboard):
             return self._mode.wants_up(estimate)
-        return isinstance(self._mode, TakeOff)
+        if isinstance(self._mode, Position):
+            return self._mode.wants_up
+        return isinstance(self._mode.leg, TakeOff)

@@ -5,6 +5,8 @@ from typing import NamedTuple, Protocol
 
 from companion.kernel.frames import Vector3
 from companion.kernel.messages import NAN, FlightMode, LandedState
+from sitl.autopilot.mission import MissionProgress
+from sitl.autopilot.plans import Plans
 
 NAN3: Vector3 = (NAN, NAN, NAN)
 
@@ -44,6 +46,30 @@ class OffboardSetpoint(NamedTuple):
     velocity_ned_m_s: Vector3 = NAN3
     yaw_rad: float = NAN
     yaw_rate_rad_s: float = NAN
+    acceleration_ned_m_s2: Vector3 = NAN3
+
+
+class AttitudeSetpoint(NamedTuple):
+    """One SET_ATTITUDE_TARGET; NaN means "not controlled".
+
+    Roll and pitch are flown as rates where the angles are NaN.
+    """
+
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+    rates_frd_rad_s: Vector3
+    thrust_norm: float
+    """Collective thrust as a share of all rotors' greatest."""
+
+
+class ManualInput(NamedTuple):
+    """Deflections of the sticks, from -1 to 1; 0 is centred."""
+
+    forward_norm: float
+    right_norm: float
+    up_norm: float
+    yaw_norm: float
 
 
 class Estimate(NamedTuple):
@@ -79,6 +105,7 @@ class VehicleStatus(NamedTuple):
     roll_setpoint_rad: float
     pitch_setpoint_rad: float
     yaw_rate_setpoint_rad_s: float
+    mission: MissionProgress
 
 
 class AutopilotPort(Protocol):
@@ -111,8 +138,25 @@ class AutopilotPort(Protocol):
 
     def set_mode(self, mode: FlightMode) -> Ack: ...
 
-    def set_offboard_setpoint(self, setpoint: OffboardSetpoint) -> None:
+    def set_offboard_setpoint(self, setpoint: OffboardSetpoint | AttitudeSetpoint) -> None:
         """Stamped with the world's time; feeds the offboard-loss timer."""
+        ...
+
+    def set_manual_input(self, sticks: ManualInput) -> None:
+        """Stamped likewise; feeds the timer of lost sticks."""
+        ...
+
+    def hear_ground_station(self) -> None:
+        """A ground station's heartbeat; feeds the timer of the data link."""
+        ...
+
+    @property
+    def plans(self) -> Plans:
+        """Mission, fence and rally points."""
+        ...
+
+    def announce(self, severity: Severity, text: str) -> None:
+        """Says something as a status text."""
         ...
 
     def drain_status_texts(self) -> list[StatusText]:

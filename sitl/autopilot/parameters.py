@@ -52,6 +52,33 @@ PARAMETERS: Final[dict[str, Limits]] = {
     "MPC_Z_VEL_MAX_UP": Limits(1.5, 0.5, 8.0),
     "MPC_Z_VEL_P_ACC": Limits(4.0, 2.0, 15.0),
     "MC_YAW_P": Limits(2.8, 0.0, 5.0),
+    # Missions, return, sticks and failsafes. 0.3 instead of 10 and 0.8 m, 1 instead of 5 and
+    # 10 m/s, 90 instead of 150 degrees/s, 1.5 and 1 instead of 60 and 30 m: indoors.
+    "NAV_ACC_RAD": Limits(0.3, 0.05, 200.0),
+    "NAV_MC_ALT_RAD": Limits(0.3, 0.05, 200.0),
+    "MIS_DIST_1WP": Limits(10_000.0, -1.0, 100_000.0),
+    "MIS_YAW_ERR": Limits(12.0, 0.0, 90.0),
+    "MPC_HOLD_DZ": Limits(0.1, 0.0, 0.9),
+    "MPC_MAN_Y_MAX": Limits(90.0, 0.0, 400.0),
+    "MPC_VEL_MANUAL": Limits(1.0, 0.1, 20.0),
+    "MPC_XY_CRUISE": Limits(1.0, 0.1, 20.0),
+    "RTL_DESCEND_ALT": Limits(1.0, 0.0, 100.0),
+    "RTL_LAND_DELAY": Limits(0.0, -1.0, 300.0),
+    "RTL_RETURN_ALT": Limits(1.5, 0.0, 150.0),
+    # 0 instead of 121212, which switches it off: what tumbles indoors is better off on the floor.
+    "CBRK_FLIGHTTERM": Limits(0, 0, 121212),
+    "COM_DL_LOSS_T": Limits(10, 5, 300),
+    "COM_FAIL_ACT_T": Limits(5.0, 0.0, 25.0),
+    "COM_RC_IN_MODE": Limits(3, 0, 8),
+    "COM_RC_LOSS_T": Limits(0.5, 0.0, 35.0),
+    "COM_RCL_EXCEPT": Limits(0, 0, 31),
+    # 0.1 instead of 0.3 s: what tumbles turns over once in 0.4 s, and falls from 2 m in 0.6 s.
+    "FD_FAIL_P": Limits(60, 0, 180),
+    "FD_FAIL_P_TTRI": Limits(0.1, 0.02, 5.0),
+    "FD_FAIL_R": Limits(60, 0, 180),
+    "FD_FAIL_R_TTRI": Limits(0.1, 0.02, 5.0),
+    "NAV_DLL_ACT": Limits(0, 0, 6),
+    "NAV_RCL_ACT": Limits(2, 1, 6),
 }
 
 

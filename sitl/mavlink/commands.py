@@ -1,5 +1,6 @@
 """COMMAND_LONG and COMMAND_INT for the autopilot; those about messages are the server's."""
 
+import math
 from collections.abc import Callable, Mapping
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -58,6 +59,21 @@ def _hold(autopilot: AutopilotPort, _: Parameters) -> Ack:
     return autopilot.set_mode(FlightMode.HOLD)
 
 
+def _start_mission(autopilot: AutopilotPort, p: Parameters) -> Ack:
+    """From the item of param1 on, if that is one; arms on the ground."""
+    first = 0 if not math.isfinite(p[0]) else int(p[0])
+    if first > 0 and not autopilot.plans.mission.select(first):
+        return Ack.DENIED
+    ack = autopilot.set_mode(FlightMode.MISSION)
+    return autopilot.arm() if ack is Ack.ACCEPTED else ack
+
+
+def _set_mission_item(autopilot: AutopilotPort, p: Parameters) -> Ack:
+    """param2 of 1 takes all jumps again, as selecting an item does here anyway."""
+    known = math.isfinite(p[0]) and autopilot.plans.mission.select(int(p[0]))
+    return Ack.ACCEPTED if known else Ack.DENIED
+
+
 _HANDLERS: Mapping[int, Callable[[AutopilotPort, Parameters], Ack]] = {
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: _arm_or_disarm,
     mavlink.MAV_CMD_NAV_TAKEOFF: _take_off,
@@ -65,4 +81,6 @@ _HANDLERS: Mapping[int, Callable[[AutopilotPort, Parameters], Ack]] = {
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: _return_to_launch,
     mavlink.MAV_CMD_NAV_LOITER_UNLIM: _hold,
     mavlink.MAV_CMD_DO_SET_MODE: _set_mode,
+    mavlink.MAV_CMD_MISSION_START: _start_mission,
+    mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: _set_mission_item,
 }

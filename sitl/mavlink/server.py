@@ -8,8 +8,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from sitl.autopilot.interface import Ack, AutopilotPort, StatusText
 from sitl.mavlink import commands, framing
 from sitl.mavlink.links import UdpLink
+from sitl.mavlink.missions import MissionProtocol
 from sitl.mavlink.parameters import requested_values
-from sitl.mavlink.setpoints import FRAMES, offboard_setpoint
+from sitl.mavlink.setpoints import FRAMES, attitude_setpoint, manual_input, offboard_setpoint
 from sitl.mavlink.snapshot import Snapshot
 from sitl.mavlink.streams import STREAMS, Schedule
 from sitl.mavlink.tlog import TelemetryLog
@@ -73,18 +74,21 @@ class MavlinkServer:
             channel.schedule.set_interval(
                 mavlink.MAVLINK_MSG_ID_HEARTBEAT, 1e6 * min(1.0, speed), time_s
             )
+        self._missions = MissionProtocol(autopilot)
         self._unknown_frames: set[int] = set()
         self._handlers: Mapping[int, Callable[[Channel, mavlink.MAVLink_message], None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             mavlink.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command,
             mavlink.MAVLINK_MSG_ID_COMMAND_INT: self._on_command,
             mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: self._on_setpoint,
+            mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: self._on_attitude_setpoint,
+            mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: self._on_manual_control,
             mavlink.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
             mavlink.MAVLINK_MSG_ID_PING: self._on_ping,
             mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._on_parameter,
             mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_parameter,
             mavlink.MAVLINK_MSG_ID_PARAM_SET: self._on_parameter,
-            mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: self._on_mission_request,
+            **dict.fromkeys(self._missions.handlers, self._on_mission),
         }
 
     def poll(self) -> None:
@@ -108,6 +112,9 @@ class MavlinkServer:
                     now = now or self._snapshot()
                     frames[message_id] = framing.encode(STREAMS[message_id].builder(now))
                 channel.put(frames[message_id], time_s)
+        for message in self._missions.update():
+            for channel in self.channels:
+                self._send(channel, message)
         for text in self._autopilot.drain_status_texts():
             self._put_status_text(text, time_s)
         for channel in self.channels:
@@ -150,6 +157,7 @@ class MavlinkServer:
     def _on_heartbeat(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
         if message.type == mavlink.MAV_TYPE_GCS:
             channel.has_ground_station = True
+            self._autopilot.hear_ground_station()
 
     def _on_command(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
         parameters = commands.parameters_of(message)
@@ -191,6 +199,13 @@ class MavlinkServer:
                 ", ".join(map(str, sorted(FRAMES))),
             )
 
+    def _on_attitude_setpoint(self, _: Channel, message: mavlink.MAVLink_message) -> None:
+        self._autopilot.set_offboard_setpoint(attitude_setpoint(message))
+
+    def _on_manual_control(self, _: Channel, message: mavlink.MAVLink_message) -> None:
+        if message.target in {0, framing.SYSTEM_ID}:
+            self._autopilot.set_manual_input(manual_input(message))
+
     def _on_timesync(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
         if message.tc1 == 0:  # a question; anything else answers one
             now_ns = round(self._time_s() * 1e9)
@@ -207,9 +222,9 @@ class MavlinkServer:
         for answer in requested_values(self._autopilot, message):
             self._send(channel, answer)
 
-    def _on_mission_request(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
-        sender = message.get_srcSystem(), message.get_srcComponent()
-        self._send(channel, mavlink.MAVLink_mission_count_message(*sender, 0))
+    def _on_mission(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
+        handler = self._missions.handlers[message.get_msgId()]
+        handler(message, lambda answer: self._send(channel, answer))
 
 
 def _is_for_us(message: mavlink.MAVLink_message) -> bool:

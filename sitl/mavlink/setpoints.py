@@ -1,10 +1,23 @@
-"""SET_POSITION_TARGET_LOCAL_NED to what the autopilot takes: NED, NaN where not controlled."""
+"""Setpoints and sticks to what the autopilot takes: NED, NaN where not controlled."""
+
+import math
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.kernel.frames import Vector3, ned_from_hfrd, wrap_angle_rad
+from companion.kernel.frames import (
+    Vector3,
+    euler_from_quaternion,
+    ned_from_hfrd,
+    wrap_angle_rad,
+)
 from companion.kernel.messages import NAN
-from sitl.autopilot.interface import Estimate, OffboardSetpoint
+from sitl.autopilot.interface import (
+    NAN3,
+    AttitudeSetpoint,
+    Estimate,
+    ManualInput,
+    OffboardSetpoint,
+)
 
 _BODY_FRAMES = {mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED}
 _OFFSET_FRAMES = {mavlink.MAV_FRAME_LOCAL_OFFSET_NED, *_BODY_FRAMES}
@@ -12,8 +25,15 @@ FRAMES = {mavlink.MAV_FRAME_LOCAL_NED, *_OFFSET_FRAMES}
 
 _IGNORE_POSITION = (1, 2, 4)
 _IGNORE_VELOCITY = (8, 16, 32)
+_IGNORE_ACCELERATION = (64, 128, 256)
 _IGNORE_YAW = 1024
 _IGNORE_YAW_RATE = 2048
+_IGNORE_RATES = (1, 2, 4)
+_IGNORE_THRUST = 64
+_IGNORE_ATTITUDE = 128
+_NO_AXIS = 0x7FFF
+# Of length 1 in theory; zeros are what clients send that forget it.
+_SHORTEST_QUATERNION, _LONGEST_QUATERNION = 0.5, 2.0
 
 
 def offboard_setpoint(
@@ -29,23 +49,53 @@ def offboard_setpoint(
         return None
     position = _masked((message.x, message.y, message.z), _IGNORE_POSITION, mask)
     velocity = _masked((message.vx, message.vy, message.vz), _IGNORE_VELOCITY, mask)
-    yaw_rad = NAN if mask & _IGNORE_YAW else message.yaw
+    acceleration = _masked((message.afx, message.afy, message.afz), _IGNORE_ACCELERATION, mask)
+    yaw_rad = NAN if mask & _IGNORE_YAW else _finite(message.yaw)
     if frame in _BODY_FRAMES:
         position = _turned(position, estimate.yaw_rad)
         velocity = _turned(velocity, estimate.yaw_rad)
+        acceleration = _turned(acceleration, estimate.yaw_rad)
     if frame in _OFFSET_FRAMES:
         north_m, east_m, down_m = estimate.position_ned_m
         position = (position[0] + north_m, position[1] + east_m, position[2] + down_m)
     if frame == mavlink.MAV_FRAME_BODY_OFFSET_NED:
         yaw_rad = wrap_angle_rad(yaw_rad + estimate.yaw_rad)
-    return OffboardSetpoint(
-        position, velocity, yaw_rad, NAN if mask & _IGNORE_YAW_RATE else message.yaw_rate
-    )
+    yaw_rate_rad_s = NAN if mask & _IGNORE_YAW_RATE else _finite(message.yaw_rate)
+    return OffboardSetpoint(position, velocity, yaw_rad, yaw_rate_rad_s, acceleration)
+
+
+def attitude_setpoint(message: mavlink.MAVLink_message) -> AttitudeSetpoint:
+    """SET_ATTITUDE_TARGET; angles that are ignored, or no rotation, leave the rates to fly."""
+    mask = message.type_mask
+    rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+    usable = _SHORTEST_QUATERNION < math.hypot(*message.q) < _LONGEST_QUATERNION
+    angles = NAN3 if mask & _IGNORE_ATTITUDE or not usable else euler_from_quaternion(message.q)
+    rates_frd_rad_s = _masked(rates, _IGNORE_RATES, mask)
+    thrust_norm = 0.0 if mask & _IGNORE_THRUST else message.thrust
+    return AttitudeSetpoint(*angles, rates_frd_rad_s, thrust_norm)
+
+
+def manual_input(message: mavlink.MAVLink_message) -> ManualInput:
+    """MANUAL_CONTROL: thousandths; z from 0 to 1000 with 500 in the middle."""
+    up_norm = 2.0 * _stick(message.z) - 1.0
+    return ManualInput(_stick(message.x), _stick(message.y), up_norm, _stick(message.r))
+
+
+def _stick(thousandths: int) -> float:
+    """An axis that is not there, or out of range, is as good as centred or full."""
+    return max(-1.0, min(1.0, thousandths / 1000.0)) if thousandths != _NO_AXIS else 0.0
 
 
 def _masked(vector: Vector3, bits: tuple[int, int, int], mask: int) -> Vector3:
-    x, y, z = (NAN if mask & bit else value for value, bit in zip(vector, bits, strict=True))
+    x, y, z = (
+        NAN if mask & bit else _finite(value) for value, bit in zip(vector, bits, strict=True)
+    )
     return x, y, z
+
+
+def _finite(value: float) -> float:
+    """Infinite is as good as not given."""
+    return value if math.isfinite(value) else NAN
 
 
 def _turned(vector_hfrd: Vector3, yaw_rad: float) -> Vector3:

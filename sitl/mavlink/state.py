@@ -16,6 +16,11 @@ from sitl.mavlink.snapshot import (
 _PX4_VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255
 _CAPABILITIES = (
     mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
     | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
     | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
     | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
@@ -101,6 +106,10 @@ def battery_status(now: Snapshot) -> Message:
         -1,
         percent(s.battery_norm, unknown=-1),
     )
+
+
+def mission_current(now: Snapshot) -> Message:
+    return mavlink.MAVLink_mission_current_message(*now.status.mission)
 
 
 def gps_raw_int(now: Snapshot) -> Message:

@@ -36,6 +36,7 @@ STREAMS: Mapping[int, Stream] = {
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Stream(state.extended_sys_state, 5.0),
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: Stream(state.system_time, 1.0),
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: Stream(state.estimator_status, 1.0),
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: Stream(state.mission_current, 1.0),
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: Stream(state.home_position, 0.5),
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: Stream(state.battery_status, 0.5),
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: Stream(state.autopilot_version, 0.0),

@@ -172,10 +172,8 @@ def test_land_can_be_called_off(airborne):
     assert airborne.status.landed_state is LandedState.IN_AIR
 
 
-@pytest.mark.parametrize(
-    "mode", [FlightMode.MANUAL, FlightMode.POSITION, FlightMode.MISSION, FlightMode.RTL]
-)
-def test_modes_that_need_a_remote_control_or_satellites_are_refused(airborne, mode):
+@pytest.mark.parametrize("mode", [FlightMode.MANUAL, FlightMode.POSITION, FlightMode.MISSION])
+def test_modes_that_need_sticks_or_a_plan_are_refused_without(airborne, mode):
     assert airborne.autopilot.set_mode(mode) is Ack.TEMPORARILY_REJECTED
     assert airborne.status.mode is FlightMode.HOLD
     assert airborne.said(f"Mode {mode.value} is not available now")

@@ -3,12 +3,14 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
+from companion.kernel.frames import quaternion_from_euler
+from companion.kernel.messages import FlightMode
 from sitl.autopilot.interface import Estimate
-from sitl.mavlink.setpoints import offboard_setpoint
+from sitl.mavlink.setpoints import FRAMES, attitude_setpoint, manual_input, offboard_setpoint
 
 IGNORE_POSITION, IGNORE_VELOCITY, IGNORE_YAW, IGNORE_YAW_RATE = 7, 56, 1024, 2048
 POSITION = (1.0, 2.0, -3.0)
@@ -76,3 +78,86 @@ def test_the_yaw_of_body_offset_counts_from_the_heading():
 
 def test_other_frames_are_refused():
     assert offboard_setpoint(target(mavlink.MAV_FRAME_GLOBAL), estimate()) is None
+
+
+def attitude(mask, q=(1.0, 0.0, 0.0, 0.0), rates=(0.1, 0.2, 0.3), thrust=0.6):
+    return attitude_setpoint(
+        mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, *rates, thrust)
+    )
+
+
+def test_an_attitude_is_flown_by_its_angles():
+    angles = (0.1, -0.2, 1.0)
+    setpoint = attitude(1 | 2, quaternion_from_euler(*angles))
+    assert setpoint[:3] == pytest.approx(angles)
+    assert setpoint.rates_frd_rad_s == pytest.approx((math.nan, math.nan, 0.3), nan_ok=True)
+    assert setpoint.thrust_norm == 0.6
+
+
+@pytest.mark.parametrize(
+    ("mask", "q"), [(128, (1.0, 0.0, 0.0, 0.0)), (0, (0.0,) * 4), (0, (math.nan,) * 4)]
+)
+def test_without_a_usable_attitude_the_rates_are_flown(mask, q):
+    setpoint = attitude(mask, q)
+    assert all(math.isnan(angle) for angle in setpoint[:3])
+    assert setpoint.rates_frd_rad_s == (0.1, 0.2, 0.3)
+    assert attitude(mask | 64, q).thrust_norm == 0.0
+
+
+@pytest.mark.parametrize(
+    ("axes", "sticks"),
+    [
+        ((0, 0, 500, 0), (0.0, 0.0, 0.0, 0.0)),
+        ((1000, -1000, 1000, 250), (1.0, -1.0, 1.0, 0.25)),
+        ((0x7FFF, 0x7FFF, 0, 0x7FFF), (0.0, 0.0, -1.0, 0.0)),
+    ],
+)
+def test_sticks_are_shares_of_full_deflection(axes, sticks):
+    message = mavlink.MAVLink_manual_control_message(1, *axes, 0)
+    assert manual_input(message) == sticks
+
+
+def test_a_body_acceleration_is_turned_to_ned():
+    message = mavlink.MAVLink_set_position_target_local_ned_message(
+        *(0, 1, 1, mavlink.MAV_FRAME_BODY_NED, 63 | 1024 | 2048),
+        *(0.0,) * 6,
+        *(1.0, 0.0, -0.5, 0.0, 0.0),
+    )
+    setpoint = offboard_setpoint(message, estimate(yaw_rad=math.pi / 2))
+    assert setpoint.acceleration_ned_m_s2 == pytest.approx((0.0, 1.0, -0.5))
+    assert all(math.isnan(speed) for speed in setpoint.velocity_ned_m_s)
+
+
+any_float = st.floats(width=32)
+streams = st.lists(
+    st.one_of(
+        st.builds(
+            mavlink.MAVLink_set_position_target_local_ned_message,
+            *(st.just(0), st.just(1), st.just(1), st.sampled_from(sorted(FRAMES))),
+            *(st.integers(0, 0xFFFF), *[any_float] * 11),
+        ),
+        st.builds(
+            mavlink.MAVLink_set_attitude_target_message,
+            *(st.just(0), st.just(1), st.just(1), st.integers(0, 0xFF)),
+            *(st.tuples(*[any_float] * 4), *[any_float] * 4),
+        ),
+    ),
+    min_size=1,
+    max_size=5,
+)
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(streams)
+def test_no_setpoint_breaks_the_vehicle(make_flight, stream):
+    """It may fall, but what it is stays a number."""
+    flight = make_flight()
+    flight.take_off(1.0)
+    for message in stream:
+        now = flight.autopilot.estimate
+        is_attitude = message.get_type() == "SET_ATTITUDE_TARGET"
+        setpoint = attitude_setpoint(message) if is_attitude else offboard_setpoint(message, now)
+        flight.autopilot.set_offboard_setpoint(setpoint)
+        flight.autopilot.set_mode(FlightMode.OFFBOARD)
+        flight.run(0.2)
+    assert all(math.isfinite(place) for place in flight.world.truth.position_ned_m)
