@@ -39,11 +39,13 @@ def test_time_from_cause_to_reaction(lockstep):
     lockstep.take_off(1.2)
     injected_s = lockstep.inject(charge_norm=0.06)
     said_s = lockstep.wait_until_said("Critical battery level", limit_s=1.0)
-    landing_s = lockstep.wait_until(
-        lambda now: now.flight_mode is FlightMode.LAND, 1.0, "in land mode"
+    holding_s, landing_s = (
+        lockstep.wait_until(lambda now, mode=mode: now.flight_mode is mode, 6.0, mode.value)
+        for mode in (FlightMode.HOLD, FlightMode.LAND)
     )
     assert 0.0 <= said_s - injected_s <= 0.021  # a period of the autopilot's
-    assert 0.0 < landing_s - injected_s <= 0.11  # one of the camera's
+    assert 0.0 <= holding_s - injected_s <= 0.11  # one of the camera's
+    assert 5.0 <= landing_s - injected_s <= 5.11  # COM_FAIL_ACT_T: time for a pilot to take over
 
 
 @pytest.mark.flight(seed=3)

@@ -31,7 +31,7 @@ def test_the_corridor_is_flown_without_touching_it(lockstep):
 def test_an_empty_battery_ends_the_flight_on_the_ground(lockstep):
     summary = lockstep.fly_plan()
     assert summary.outcome == "failed"
-    assert summary.reason == "the autopilot left offboard mode: land"
+    assert summary.reason == "the autopilot left offboard mode: hold"
     warned_s, landed_s = map(
         lockstep.wait_until_said, ("Critical battery level", "Landing detected")
     )
