@@ -17,6 +17,7 @@ from companion.plan import Plan
 from companion.scorecard import Scorecard
 from companion.switch import Choice
 from sitl.arena.room import Room, load_room
+from tools.logs.recover import RECOVERED_SUFFIX
 
 ROOMS = Path(__file__).parents[1] / "flightplans" / "rooms"
 
@@ -73,9 +74,9 @@ class FlownFlight:
         """(n_frames, 2): north and east; the truth where it is known, else the estimate."""
         if self.has_truth:
             return self.truth["truth_position_ned_m"][:, :2]
-        place_m = self.log.columns(Topic.TELEMETRY)["position_ned_m"][:, :2]
-        frames = np.arange(len(self.decision["stamp_ns"]))
-        return place_m[np.minimum(frames, len(place_m) - 1)]  # the last may be cut off
+        at_ns, known_ns = self.decision["stamp_ns"], self.log.log_times_ns(Topic.TELEMETRY)
+        place_m = self.log.columns(Topic.TELEMETRY)["position_ned_m"]
+        return np.stack([np.interp(at_ns, known_ns, place_m[:, axis]) for axis in (0, 1)], axis=1)
 
     def in_phase(self, phase: str) -> NDArray[np.bool_]:
         """(n_frames,); ``phase`` may be "all"."""
@@ -111,10 +112,17 @@ class FlownFlight:
 
     def load_room(self, path: Path | None = None) -> Room:
         """The room in ``path``, or the shipped one that the plan names. Raises PlanError."""
-        path = path or ROOMS / f"{self.room_name}.toml"
-        if not path.is_file():
+        if path is None and not self.has_shipped_room:
             raise PlanError(f"{self.path}: no shipped room {self.room_name!r}; give --room")
-        return load_room(path)
+        return load_room(path or self._shipped_room)
+
+    @property
+    def has_shipped_room(self) -> bool:
+        return self._shipped_room.is_file()
+
+    @property
+    def _shipped_room(self) -> Path:
+        return ROOMS / f"{self.room_name}.toml"
 
 
 def _together(*tables: Columns) -> tuple[Columns, ...]:
@@ -123,11 +131,18 @@ def _together(*tables: Columns) -> tuple[Columns, ...]:
     return tuple({name: column[:count] for name, column in table.items()} for table in tables)
 
 
+def find_flights(folder: Path) -> list[Path]:
+    """The flight logs in a folder and below, without what was recovered of one of them."""
+    return sorted(
+        path for path in folder.rglob("*.mcap") if not path.name.endswith(RECOVERED_SUFFIX)
+    )
+
+
 def find_logs(paths: Iterable[Path]) -> list[Path]:
     """The logs in these files, log folders or folders of log folders. Raises PlanError."""
     found: list[Path] = []
     for path in paths:
-        logs = sorted(path.rglob("*.mcap")) if path.is_dir() else [path]
+        logs = find_flights(path) if path.is_dir() else [path]
         if not logs:
             raise PlanError(f"{path}: no flight log (*.mcap) in this folder")
         found += logs

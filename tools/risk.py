@@ -33,25 +33,39 @@ ROWS = {
     "spurious turns per s, chain": "spurious_turns_per_s",
     "spurious turns per m, chain": "spurious_turns_per_m",
 }
+HEADER = ("", "from learning", "from test", "observed")
 
 
 def table_lines(report: Report) -> Iterator[str]:
     """The report for a person."""
-    learning, test, observed = report.from_learning, report.from_test, report.observed
-    yield (
-        f"{report.flight}: mono turns above λ = {report.threshold_px:.2f} px, positive above "
+    yield f"{report.flight}: {conditions(report)}"
+    for name, learning, test, observed in (HEADER, *table_rows(report)):
+        yield f"{name:38}{learning:>26}{test:>26}{observed:>10}".rstrip()
+    yield footnote(report)
+
+
+def conditions(report: Report) -> str:
+    """What the figures hold for."""
+    return (
+        f"mono turns above λ = {report.threshold_px:.2f} px, positive above "
         f"{report.positive_threshold_px:.2f} px; {report.positives_to_collision} positive frames "
         f"to a collision, {report.positives_to_override} to an override"
     )
-    yield f"{'':38}{'from learning':>26}{'from test':>26}{'observed':>10}"
+
+
+def footnote(report: Report) -> str:
+    return f"in brackets: {report.interval_norm:.0%} bootstrap intervals over approaches"
+
+
+def table_rows(report: Report) -> Iterator[tuple[str, str, str, str]]:
+    """Under HEADER."""
+    learning, test, observed = report.from_learning, report.from_test, report.observed
     for name, field in ROWS.items():
         seen = getattr(observed, field, None)
-        figures = "".join(f"{_text(getattr(p, field)):>26}" for p in (learning, test))
-        yield f"{name:38}{figures}{'' if seen is None else _number(seen):>10}"
+        predicted = (_text(getattr(prediction, field)) for prediction in (learning, test))
+        yield name, *predicted, "" if seen is None else _number(seen)
     counts = (f"{p.approaches} ({p.positives} of {p.samples})" for p in (learning, test))
-    cells = "".join(f"{text:>26}" for text in counts)
-    yield f"{'approaches (positive frames)':38}{cells}{observed.mono_approaches:>10}"
-    yield f"in brackets: {report.interval_norm:.0%} bootstrap intervals over approaches"
+    yield "approaches (positive frames)", *counts, str(observed.mono_approaches)
 
 
 def _text(figure: Figure) -> str:

@@ -14,6 +14,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from companion.kernel.messages import Phase
@@ -61,19 +63,31 @@ def draw(rocs: Sequence[FlightRoc]) -> Figure:
     """One curve a flight, dot at the chosen threshold."""
     figure = Figure(figsize=(7, 7), layout="constrained")
     axes = figure.subplots()
-    axes.plot([0, 1], [0, 1], color="0.8", linewidth=1)
     colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(rocs)))
     rooms = list(dict.fromkeys(roc.room for roc in rocs))
     for number, (roc, colour) in enumerate(zip(rocs, colours, strict=True), start=1):
         style = LINE_STYLES[rooms.index(roc.room) % len(LINE_STYLES)]
         label = f"#{number} {roc.room}, {roc.scheme.replace('_', ' ')}: AUC {roc.auc:.2f}"
-        axes.plot(roc.curve.fpr, roc.curve.tpr, style, color=colour, linewidth=1.2, label=label)
-        axes.plot(roc.fpr, roc.tpr, "o", color=colour, markersize=6)
+        draw_curve(axes, roc, to_hex(colour), label, style)
+    finish(axes, legend=len(rocs) <= LEGEND_LIMIT)
+    return figure
+
+
+def draw_curve(
+    axes: Axes, roc: FlightRoc, colour: str, label: str | None, style: str = "-"
+) -> None:
+    """A curve and the point that was flown at."""
+    axes.plot(roc.curve.fpr, roc.curve.tpr, style, color=colour, linewidth=1.2, label=label)
+    axes.plot(roc.fpr, roc.tpr, "o", color=colour, markersize=6)
+
+
+def finish(axes: Axes, legend: bool = True) -> None:
+    """What surrounds the curves."""
+    axes.plot([0, 1], [0, 1], color="0.8", linewidth=1, zorder=0)
     axes.set(xlabel="false positive rate", ylabel="true positive rate")
     axes.set(xlim=(-0.01, 1.01), ylim=(-0.01, 1.01), aspect="equal")
-    if len(rocs) <= LEGEND_LIMIT:
+    if legend:
         axes.legend(loc="lower right", fontsize=8, frameon=False)
-    return figure
 
 
 def write(rocs: Sequence[FlightRoc], folder: Path) -> Iterator[Path]:

@@ -15,7 +15,7 @@ from companion.plan import Plan
 from sitl.arena.room import load_room
 from tools import flightpath, heatmap, look, risk, roc, table2, textons
 from tools.assessment import assess
-from tools.flown import ROOMS, FlownFlight
+from tools.flown import ROOMS, FlownFlight, find_logs
 
 ROTATE = BehaviourState.ROTATE
 
@@ -60,6 +60,12 @@ def test_flights_of_a_scheme_share_a_heat_map(invent, story):
     total_s = {(h.scheme, h.manoeuvre): h.duration_s.sum() for h in heats}
     assert total_s[("dagger", "approach")] == pytest.approx(3.8)
     assert total_s[("cold_turkey", "approach")] == pytest.approx(1.9)
+
+
+def test_what_was_recovered_of_a_flight_is_not_another_flight(invent, story):
+    path = invent(story)
+    path.with_name("flight.recovered.mcap").write_bytes(path.read_bytes())
+    assert find_logs([path.parent]) == [path]
 
 
 def test_the_operating_point_is_that_of_the_flight(invent, story, tmp_path):

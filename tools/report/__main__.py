@@ -10,8 +10,9 @@ from pathlib import Path
 
 from companion.flight import LOG_NAME
 from companion.kernel.errors import EXIT_FLOWN, CompanionError, RecordingError
+from tools.flown import find_flights
 from tools.report.campaign import campaign_page
-from tools.report.flight import ReportedFlight, find_flights
+from tools.report.flight import ReportedFlight
 from tools.report.page import Page
 from tools.report.sections import flight_page
 

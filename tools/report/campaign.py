@@ -2,15 +2,16 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from companion.kernel.errors import CompanionError
-from companion.kernel.messages import Phase
+from companion.kernel.errors import CompanionError, RecordingError
 from companion.summary import Summary, format_figure
-from tools.report.figures import draw_curve, finish_roc, phase_curve
+from tools import heatmap, roc
+from tools.report.figures import finish_roc
 from tools.report.flight import ReportedFlight
 from tools.report.page import Page, paragraph, table
 
@@ -42,7 +43,7 @@ def campaign_page(flights: Flights, unreadable: Sequence[str], page: Page) -> No
     """``unreadable``: one line for each log that could not be taken in."""
     groups = grouped(flights)
     page.add("Groups", paragraph("Mean ± standard deviation, test phase."), _groups(groups))
-    for section in FIGURES:
+    for section in (*FIGURES, *heat_maps(flights)):
         try:
             body = page.figure(section.draw(flights), section.name)
         except CompanionError as error:
@@ -115,24 +116,42 @@ def counts(flights: Flights) -> Figure:
     return figure
 
 
-def roc(flights: Flights) -> Figure:
+def roc_curves(flights: Flights) -> Figure:
     """The test phase of every flight, with the points that they flew at."""
     figure = Figure(figsize=(6.5, 6.0), layout="constrained")
     axes = figure.subplots()
     for row, (name, members) in enumerate(grouped(flights).items()):
-        label: str | None = name
-        for flight in members:
-            curve = phase_curve(flight, Phase.TEST)
-            if np.isnan(curve.auc):
-                continue
-            colour = PALETTE[row % len(PALETTE)]
-            draw_curve(axes, curve, flight.mono_threshold_px(Phase.TEST), colour, label)
-            label = None
+        curves = [roc.roc_of(flight) for flight in members]
+        known = [curve for curve in curves if not np.isnan(curve.auc)]
+        for number, curve in enumerate(known):
+            roc.draw_curve(axes, curve, PALETTE[row % len(PALETTE)], None if number else name)
     finish_roc(axes)
     return figure
 
 
+def heat_maps(flights: Flights) -> list[CampaignFigure]:
+    """One for each room, all schemes side by side."""
+    rooms = sorted({flight.room_name for flight in flights})
+    return [
+        CampaignFigure(
+            f"Heat map, {name or 'room unknown'}", f"heatmap-{name}", partial(heat_map, name)
+        )
+        for name in rooms
+    ]
+
+
+def heat_map(room_name: str, flights: Flights) -> Figure:
+    """Of all phases. Raises CompanionError without the room, or where nobody was in it."""
+    here = [flight for flight in flights if flight.room_name == room_name]
+    room = here[0].load_room()
+    grid = heatmap.grid_over(room, heatmap.CELL_M)
+    heats = heatmap.heat_of(here, grid)
+    if not heats:
+        raise RecordingError(f"no flight was inside of {room_name}")
+    return heatmap.draw(heats, grid, room)
+
+
 FIGURES: list[CampaignFigure] = [
     CampaignFigure("Overrides and turns", "counts", counts),
-    CampaignFigure("ROC curves", "roc", roc),
+    CampaignFigure("ROC curves", "roc", roc_curves),
 ]

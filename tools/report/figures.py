@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 
 from companion.kernel.errors import RecordingError
 from companion.kernel.messages import Phase
-from companion.performance import RocCurve, roc_curve
 from companion.summary import format_figure
+from tools import flightpath, roc
 from tools.drawing import COLOURS
 from tools.logs import open_log
 from tools.logs.align import Alignment, align, signals
@@ -55,43 +55,30 @@ def _draw_strip(axes: Axes, flight: ReportedFlight, shown: slice, top_px: float)
     axes.plot(time_s, decision["threshold_px"], color="0.3", linewidth=0.7, label="threshold")
 
 
-def roc(flight: ReportedFlight) -> Figure:
+def roc_curves(flight: ReportedFlight) -> Figure:
     """Mono against stereo's verdict, by phase, with the point that the flight flew at."""
     figure = Figure(figsize=(5.5, 5.0), layout="constrained")
     axes = figure.subplots()
     for phase, colour in PHASE_COLOURS.items():
-        curve = phase_curve(flight, phase)
-        if np.isnan(curve.auc):
-            continue
-        label = f"{phase}, AUC {format_figure(curve.auc)}"
-        draw_curve(axes, curve, flight.mono_threshold_px(phase), colour, label)
+        curve = roc.roc_of(flight, phase)
+        if not np.isnan(curve.auc):
+            label = f"{phase}, AUC {format_figure(curve.auc)}"
+            roc.draw_curve(axes, curve, colour, label)
     finish_roc(axes)
     return figure
-
-
-def phase_curve(flight: ReportedFlight, phase: Phase) -> RocCurve:
-    stereo_px, mono_px = flight.scorecard.accounts[phase].estimates()
-    return roc_curve(mono_px, stereo_px, flight.plan.behaviour.turn_threshold_px)
-
-
-def draw_curve(
-    axes: Axes, curve: RocCurve, threshold_px: float, colour: str, label: str | None
-) -> None:
-    """A curve and its operating point: the last corner whose threshold is not below."""
-    axes.plot(curve.fpr, curve.tpr, color=colour, linewidth=1.3, label=label)
-    at = int(np.count_nonzero(curve.threshold_px >= threshold_px)) - 1
-    axes.plot(curve.fpr[at], curve.tpr[at], "o", color=colour, markersize=6)
 
 
 def finish_roc(axes: Axes) -> None:
     """Raises RecordingError where nothing was drawn."""
     if not axes.lines:
         raise RecordingError("stereo never called a frame blocked, or never clear")
-    axes.plot((0, 1), (0, 1), color="0.8", linewidth=1, zorder=0)
-    axes.set(xlabel="false positive rate", ylabel="true positive rate")
-    axes.set(xlim=(-0.01, 1.01), ylim=(-0.01, 1.01), aspect="equal")
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="lower right", frameon=False)
+    roc.finish(axes)
+
+
+def six_panels(flight: ReportedFlight) -> Figure:
+    """The path by λ and mono's errors. Raises CompanionError without truth or room."""
+    room = flight.room or flight.load_room()  # which says what is missing
+    return flightpath.draw(flightpath.path_of(flight, room), room)
 
 
 def vehicle_log(flight: ReportedFlight) -> Figure:

@@ -12,8 +12,8 @@ from companion.flightlog import Topic
 from companion.kernel.errors import CompanionError
 from companion.plan import Plan
 from companion.summary import format_figure, table_rows
-from tools import picture
-from tools.flown import FlownFlight
+from tools import picture, risk
+from tools.assessment import assess
 from tools.logs import open_log
 from tools.report import figures
 from tools.report.flight import ReportedFlight, overrides
@@ -35,9 +35,10 @@ class FigureSection(NamedTuple):
 
 
 FIGURES: list[FigureSection] = [
-    FigureSection("Path", "path", lambda f: picture.draw(FlownFlight(f.path), f.room)),
+    FigureSection("Path", "path", lambda flight: picture.draw(flight, flight.room)),
     FigureSection("λ over time", "disparity", figures.disparity_strips),
-    FigureSection("ROC curve", "roc", figures.roc),
+    FigureSection("ROC curve", "roc", figures.roc_curves),
+    FigureSection("λ along the path", "flightpath", figures.six_panels),
     FigureSection("The vehicle's own log", "vehicle", figures.vehicle_log),
 ]
 
@@ -50,6 +51,7 @@ def flight_page(flight: ReportedFlight, page: Page) -> None:
     page.add("Overrides", _overrides(flight))
     for section in FIGURES:
         page.add(section.title, _drawn(section, flight, page))
+    page.add("Risk", _risk(flight))
     page.add("Events", _events(flight))
     page.add("Health of the log", _health(flight))
     page.add("Plan as flown", _plan(flight))
@@ -116,7 +118,21 @@ def _drawn(section: FigureSection, flight: ReportedFlight, page: Page) -> str:
     try:
         return page.figure(section.draw(flight), section.name)
     except CompanionError as error:
-        return paragraph(f"not shown: {error}", "quiet")
+        return _not_shown(error)
+
+
+def _not_shown(error: CompanionError) -> str:
+    return paragraph(f"not shown: {error}", "quiet")
+
+
+def _risk(flight: ReportedFlight) -> str:
+    """The performance model's figures beside what was observed."""
+    try:
+        told = assess(flight)
+    except CompanionError as error:
+        return _not_shown(error)
+    figures = table(risk.HEADER, risk.table_rows(told))
+    return paragraph(risk.conditions(told)) + figures + paragraph(risk.footnote(told), "quiet")
 
 
 def _events(flight: ReportedFlight) -> str:

@@ -8,6 +8,9 @@ import pytest
 
 from companion.kernel.messages import Event
 from companion.summary import table_rows
+from tools import risk
+from tools.assessment import assess
+from tools.flown import FlownFlight
 from tools.logs.recover import recover
 from tools.report import __main__ as tool
 from tools.report.flight import ReportedFlight, overrides, read_summary
@@ -36,7 +39,26 @@ def test_the_report_holds_the_flights_table(folder, capsys):
     assert "flight.mcap: sound, " in text
     assert "experiment.initial_s 8" in text
     figures = {file.name for file in (folder / "figures").iterdir()}
-    assert {"path.png", "path.svg", "disparity.png", "roc.png"} <= figures
+    assert {"path.png", "path.svg", "disparity.png", "roc.png", "flightpath.png"} <= figures
+
+
+def test_the_report_holds_the_flights_risk(folder, tmp_path):
+    log = folder / "flight.mcap"
+    text = text_of(tool.report(log, tmp_path / "out"))
+    for row in risk.table_rows(assess(FlownFlight(log))):
+        assert " ".join(" ".join(row).split()) in text
+
+
+def test_a_figure_that_cannot_be_drawn_says_why(folder, monkeypatch, tmp_path):
+    monkeypatch.setattr("tools.flown.ROOMS", tmp_path)
+    text = text_of(tool.report(folder))
+    assert "λ along the path not shown" in text
+    assert "no shipped room &#x27;room1&#x27;; give --room" in text
+
+
+def test_a_room_that_is_not_there_is_a_usage_error(folder, capsys):
+    assert tool.main([str(folder), "--room", str(folder / "none.toml")]) == 2
+    assert "none.toml" in capsys.readouterr().err
 
 
 def test_the_same_flight_gives_the_same_report(folder, tmp_path):
@@ -89,6 +111,7 @@ def test_a_log_without_truth_has_a_report(folder, without_truth):
     text = text_of(folder / "report.html")
     assert "collisions unknown" in text
     assert "Collisions (truth) unknown" in text
+    assert re.search(r"λ along the path not shown: \S*blind.mcap: no truth", text)
 
 
 def test_what_the_companion_said_in_flight_is_told(folder, without_truth):
@@ -107,6 +130,8 @@ def test_many_flights_share_a_page(flown_dir, tmp_path):
     assert tool.main([str(tmp_path / "many")]) == 0
     text = text_of(tmp_path / "many" / "report.html")
     assert "room1, training_wheels 2 of 2" in text
+    assert "Heat map, room1" in text
+    assert (tmp_path / "many" / "figures" / "heatmap-room1.png").stat().st_size > 5000
     assert re.search(r"Not shown \S*broken.mcap: not a flight log", text)
 
 
