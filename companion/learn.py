@@ -10,7 +10,8 @@ import numpy as np
 
 from companion.camera.replay import Recording
 from companion.kernel.messages import StereoFrame
-from companion.learner import Learner, LearnerSettings
+from companion.learner import Learner
+from companion.learner_settings import LearnerSettings
 from companion.modelfile import load_dictionary
 from companion.performance import OnlinePerformance, roc_curve, threshold_for_tpr_px
 from companion.stereo import StereoMatcher, StereoSettings
@@ -118,7 +119,7 @@ class Session:
         disparity_px = matcher.match(frame.left, frame.right).disparity_px
         features = self.learner.observe(self.learner.image_of(frame))
         mono_px = self.learner.predict(features).mono_px
-        self.n_train += self.learner.learn(features, disparity_px)
+        self.n_train += self.learner.learn(features, disparity_px, matcher.last_map)
         self.n_frames += 1
         if not (math.isnan(mono_px) or math.isnan(disparity_px)):
             self.mono_px.append(mono_px)

@@ -7,83 +7,25 @@ the target. What it has learned stays when stereo is gone.
 
 import math
 from collections import deque
-from typing import Annotated, Literal, NamedTuple, Self
+from collections.abc import Callable
+from typing import NamedTuple, Self
 
 import numpy as np
-from msgspec import Meta, field
 from numpy.typing import NDArray
 
-from companion import regressors
+from companion import gradients, regressors
+from companion.features import Extractor, Features, GradientFeatures, Grey, TextonFeatures
 from companion.kernel.errors import PlanError
 from companion.kernel.messages import StereoFrame
-from companion.kernel.settings import Settings
-from companion.stereo import Label
-from companion.textons import TextonDictionary, TextonEncoder, TextonSettings, TextonTrainer
+from companion.learner_settings import LearnerSettings
+from companion.textons import TextonDictionary
+from companion.views import views_of
 
-Grey = NDArray[np.uint8]
-Features = NDArray[np.float32]
+MapOf = Callable[[], NDArray[np.float32]]
+"""Gives the disparity map (height, width) of the pair just matched, NaN where unmatched."""
 
-TABLE_I = {
-    "k": 5,
-    "smooth_frames": 4,
-    "textons.patch_px": 5,
-    "textons.patches": 500,
-    "textons.intensity": 10,
-    "textons.gradient": 10,
-}
-"""The paper's Table I, by the path of the setting."""
-
-
-class LearnerSettings(Settings, frozen=True):
-    """What is learned, from which eye, and when the estimate counts as an obstacle."""
-
-    preset: Literal["paper", "none"] = "paper"
-    """"paper" holds k, smooth_frames and the textons to Table I; "none" leaves them free."""
-    regressor: str = "knn"
-    eye: Literal["left", "right"] = "left"
-    label: Label = "mean"
-    """What stereo's λ is: mean of the disparities, or the value that the top 24 % exceed."""
-    threshold: Literal["fixed", "roc", "risk"] = "fixed"
-    """"roc" takes the highest threshold that reached ``wanted_tpr`` on the samples so far; "risk"
-    one that keeps the two wishes below, the first of them before the second."""
-    threshold_px: Annotated[float, Meta(gt=0.0)] | None = None
-    """The fixed threshold; none means ``threshold_ratio`` times stereo's."""
-    threshold_ratio: Annotated[float, Meta(gt=0.0)] = 1.0
-    """Below 1, one eye turns earlier than two (section III-E), and so learns what is near."""
-    wanted_tpr: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.96
-    wanted_collision_probability: Annotated[float, Meta(gt=0.0, lt=1.0)] = 1e-3
-    """Of one approach to an obstacle."""
-    wanted_spurious_turns_per_m: Annotated[float, Meta(gt=0.0)] = 0.1
-    detection_distance_m: Annotated[float, Meta(gt=0.0)] = 1.0
-    """An obstacle that is detected only nearer than this counts as a collision."""
-    k: Annotated[int, Meta(ge=1, le=64)] = 5
-    smooth_frames: Annotated[int, Meta(ge=1, le=100)] = 4
-    entropy_scale: Annotated[float, Meta(ge=0.0)] = 0.1
-    """Weight of the entropy against the histogram's bins. Plain bits (1) would outweigh them all;
-    0.1 brings both to the same range. On recorded flights neither generalises better."""
-    capacity: Annotated[int, Meta(ge=1, le=10_000_000)] = 100_000
-    """Samples kept; beyond it the oldest is replaced."""
-    dictionary: str | None = None
-    """File with a saved model whose textons are used; none learns them in flight."""
-    textons: TextonSettings = field(default_factory=TextonSettings)
-
-    def __post_init__(self) -> None:
-        if self.preset != "paper":
-            return
-        for path, wanted in TABLE_I.items():
-            section, _, key = path.rpartition(".")
-            value = getattr(self.textons if section else self, key)
-            if value != wanted:
-                raise ValueError(
-                    f'{path} = {value} contradicts preset "paper", where it is {wanted}; '
-                    'preset "none" allows it'
-                )
-
-    def fixed_threshold_px(self, stereo_threshold_px: float) -> float:
-        """λ above which one eye turns, unless the ROC says better."""
-        if self.threshold_px is not None:
-            return self.threshold_px
-        return self.threshold_ratio * stereo_threshold_px
+LOG_OFFSET_PX, LOG_FLOOR_PX = 0.5, -0.4
+"""log(λ + offset) is learned, of λ no less than the floor; a poor calibration makes λ negative."""
 
 
 class MonoEstimate(NamedTuple):
@@ -117,21 +59,29 @@ class Learner:
         self.settings = settings
         self.frozen = False
         self._trained = False
-        self._training_rng, self._sampling_rng = rng.spawn(2)
-        self._trainer = TextonTrainer(settings.textons, self._training_rng)
-        self._encoder = None if dictionary is None else self._make_encoder(dictionary)
-        parameters = regressors.RegressorSettings(k=settings.k, capacity=settings.capacity)
-        self._regressor = regressors.make(settings.regressor, parameters)
+        self._design = settings.design
+        self._extractor = _extractor(settings, rng)
+        if dictionary is not None:
+            self._extractor.adopt(dictionary)
+        self._views_rng = rng.spawn(1)[0]
+        parameters = regressors.RegressorSettings(
+            k=settings.k,
+            capacity=settings.capacity,
+            seed=int(self._views_rng.integers(2**31)),
+        )
+        self._regressor = regressors.make(self._design.regressor, parameters)
+        self._range_px = np.array([math.inf, -math.inf])
+        self._observed: tuple[Grey, Features] | None = None
         self._recent: deque[MonoEstimate] = deque(maxlen=settings.smooth_frames)
 
     @property
     def ready(self) -> bool:
         """True when there is a dictionary, so that images become features."""
-        return self._encoder is not None
+        return self._extractor.ready
 
     @property
     def dictionary(self) -> TextonDictionary | None:
-        return self._encoder.dictionary if self._encoder else None
+        return self._extractor.dictionary
 
     def image_of(self, frame: StereoFrame) -> Grey:
         """The eye that this learner looks through."""
@@ -139,33 +89,55 @@ class Learner:
 
     def observe(self, image: Grey) -> Features | None:
         """Features (n_features,) of a raw image; None while the dictionary is being learned."""
-        if self._encoder is not None:
-            return self._encoder.encode(image)
-        if not self.frozen:
-            self._trainer.update(image)
-            if self._trainer.finished:
-                self._encoder = self._make_encoder(self._trainer.dictionary)
-        return None
+        features = self._extractor.observe(image, self.frozen)
+        self._observed = None if features is None else (image, features)
+        return features
 
     def predict(self, features: Features | None) -> MonoEstimate:
         """Estimate of λ, averaged with those of the last frames."""
         if features is None or not self._trained:
             return UNKNOWN
-        mono_px, std_px = self._regressor.predict(features[np.newaxis], return_std=True)
-        self._recent.append(MonoEstimate(float(mono_px[0]), float(std_px[0])))
+        mean, std = self._regressor.predict(features[np.newaxis], return_std=True)
+        self._recent.append(self._in_pixels(float(mean[0]), float(std[0])))
         n_recent = len(self._recent)
         return MonoEstimate(
             sum(estimate.mono_px for estimate in self._recent) / n_recent,
             sum(estimate.std_px for estimate in self._recent) / n_recent,
         )
 
-    def learn(self, features: Features | None, disparity_px: float) -> bool:
-        """Takes stereo's λ as the target for ``features``; True if it was a usable sample."""
+    def learn(
+        self, features: Features | None, disparity_px: float, map_of: MapOf | None = None
+    ) -> bool:
+        """Takes stereo's λ as the target for ``features``; True if it was a usable sample.
+
+        With ``map_of``, further views of the image just observed are learned from too.
+        """
         if self.frozen or features is None or math.isnan(disparity_px):
             return False
-        self._regressor.partial_fit(features[np.newaxis], np.array([disparity_px]))
+        samples, disparities_px = [features], [disparity_px]
+        if self._design.views and map_of and self._observed and self._observed[1] is features:
+            image, n_views = self._observed[0], self._design.views
+            for view, view_px in views_of(image, map_of(), disparity_px, n_views, self._views_rng):
+                samples.append(gradients.encode(view))
+                disparities_px.append(view_px)
+        self._regressor.partial_fit(np.stack(samples), self._targets(np.array(disparities_px)))
+        self._range_px[0] = min(self._range_px[0], disparity_px)
+        self._range_px[1] = max(self._range_px[1], disparity_px)
         self._trained = True
         return True
+
+    def _targets(self, disparities_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        if self._design.target == "linear":
+            return disparities_px
+        return np.log(np.maximum(disparities_px, LOG_FLOOR_PX) + LOG_OFFSET_PX)
+
+    def _in_pixels(self, mean: float, std: float) -> MonoEstimate:
+        """The regressor's answer as λ, within what stereo has reported so far."""
+        least_px, most_px = self._range_px
+        if self._design.target == "log":
+            mean = math.exp(min(mean, math.log(most_px + 1.0)))
+            mean, std = mean - LOG_OFFSET_PX, mean * std
+        return MonoEstimate(float(min(max(mean, least_px), most_px)), std)
 
     def freeze(self) -> None:
         """Nothing is learned from here on."""
@@ -178,9 +150,11 @@ class Learner:
     def state(self) -> LearnerState:
         """All that was learned; a dictionary half learned is not part of it."""
         arrays = {f"regressor.{name}": values for name, values in self._regressor.state().items()}
-        if self._encoder is not None:
-            textons = self._encoder.dictionary._asdict()
+        if self.dictionary is not None:
+            textons = self.dictionary._asdict()
             arrays |= {f"textons.{name}": values for name, values in textons.items()}
+        if self._trained:
+            arrays["range_px"] = self._range_px.copy()
         return LearnerState(arrays, _meaning_of_samples(self.settings))
 
     def restore(self, state: LearnerState) -> Self:
@@ -193,7 +167,7 @@ class Learner:
                 )
         dictionary = dictionary_of(state)
         if dictionary is not None:
-            self._encoder = self._make_encoder(dictionary)
+            self._extractor.adopt(dictionary)
         prefix = "regressor."
         samples = {
             name.removeprefix(prefix): values
@@ -202,21 +176,16 @@ class Learner:
         }
         self._regressor.restore(samples)
         self._trained = bool(samples)
+        if samples:
+            self._range_px = np.array(state.arrays["range_px"], dtype=np.float64)
         self._recent.clear()
         return self
 
-    def _make_encoder(self, dictionary: TextonDictionary) -> TextonEncoder:
-        textons = self.settings.textons
-        n_values = textons.patch_px**2
-        wanted = (textons.intensity, n_values), (textons.gradient, n_values)
-        found = dictionary.intensity.shape, dictionary.gradient.shape
-        if found != wanted:
-            raise PlanError(
-                f"dictionary has textons of shape {found[0]} and {found[1]}; "
-                f"the settings ask for {wanted[0]} and {wanted[1]}"
-            )
-        scale = self.settings.entropy_scale
-        return TextonEncoder(dictionary, textons, self._sampling_rng, scale)
+
+def _extractor(settings: LearnerSettings, rng: np.random.Generator) -> Extractor:
+    if settings.design.features == "gradients":
+        return GradientFeatures()
+    return TextonFeatures(settings.textons, settings.entropy_scale, rng)
 
 
 def dictionary_of(state: LearnerState) -> TextonDictionary | None:
@@ -231,11 +200,17 @@ def dictionary_of(state: LearnerState) -> TextonDictionary | None:
 
 def _meaning_of_samples(settings: LearnerSettings) -> dict[str, str | int | float]:
     """The settings on which features and targets depend."""
-    textons = settings.textons
-    return {
-        "learner.regressor": settings.regressor,
+    textons, design = settings.textons, settings.design
+    common: dict[str, str | int | float] = {
+        "learner.features": design.features,
+        "learner.regressor": design.regressor,
+        "learner.target": design.target,
         "learner.eye": settings.eye,
         "learner.label": settings.label,
+    }
+    if design.features == "gradients":
+        return common
+    return common | {
         "learner.entropy_scale": settings.entropy_scale,
         "learner.textons.patch_px": textons.patch_px,
         "learner.textons.patches": textons.patches,

@@ -82,7 +82,9 @@ class Pipeline:
         stereo = self.matcher.match(frame.left, frame.right)
         features = self.learner.observe(self.learner.image_of(frame))
         mono = self.learner.predict(features)
-        self.samples_learned += self.learner.learn(features, stereo.disparity_px)
+        self.samples_learned += self.learner.learn(
+            features, stereo.disparity_px, self.matcher.last_map
+        )
         return Percept(
             stamp_ns=frame.stamp_ns,
             stereo_px=stereo.disparity_px,

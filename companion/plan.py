@@ -10,7 +10,7 @@ from msgspec import Meta, field
 from companion.behaviour import BehaviourSettings
 from companion.kernel.errors import PlanError
 from companion.kernel.settings import Settings, convert_settings, read_toml
-from companion.learner import LearnerSettings
+from companion.learner_settings import LearnerSettings
 from companion.pilot import PilotSettings
 from companion.safety import SafetySettings
 from companion.stereo import StereoSettings

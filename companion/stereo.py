@@ -88,6 +88,7 @@ class StereoMatcher:
         self._pad_left_px = max(most_px, 0) + half_block_px
         self._pad_right_px = max(-self._least_px, 0) + half_block_px
         self._matcher = self._make_matcher()
+        self._raw: NDArray[np.int16] | None = None
 
     @property
     def disparity_metre_px(self) -> float:
@@ -96,7 +97,7 @@ class StereoMatcher:
 
     def match(self, left: Grey, right: Grey) -> StereoResult:
         """λ of a raw pair, both (height, width)."""
-        raw = self._match_raw(left, right)
+        self._raw = raw = self._match_raw(left, right)
         exceeding_norm = self.settings.quantile_norm
         n_valid, mean, quantile = _summarise(raw, self._least_px, exceeding_norm)
         valid_norm = n_valid / raw.size
@@ -109,7 +110,14 @@ class StereoMatcher:
 
     def disparity_map(self, left: Grey, right: Grey) -> NDArray[np.float32]:
         """disparity_px: (height, width) of the rectified left image, NaN where unmatched."""
-        raw = self._match_raw(left, right)
+        self._raw = self._match_raw(left, right)
+        return self.last_map()
+
+    def last_map(self) -> NDArray[np.float32]:
+        """The map of the pair matched last, as ``disparity_map``; it costs no second match."""
+        if self._raw is None:
+            raise RuntimeError("a map needs a pair that was matched")
+        raw = self._raw
         column = np.arange(raw.shape[1]) * SUBPIXELS
         least = np.maximum(self._least_px * SUBPIXELS, column - column[-1])
         valid = (raw >= least) & (raw <= column)

@@ -4,12 +4,44 @@ from collections.abc import Callable, Mapping
 
 from companion.kernel.errors import PlanError
 from companion.regressors.base import Predictor, Regressor, RegressorSettings
+from companion.regressors.blend import BlendRegressor
+from companion.regressors.gp import GPRegressor
 from companion.regressors.knn import KNNRegressor
+from companion.regressors.mlp import MLPRegressor
+from companion.regressors.ridge import RidgeRegressor
 
-__all__ = ["REGRESSORS", "KNNRegressor", "Predictor", "Regressor", "RegressorSettings", "make"]
+__all__ = [
+    "REGRESSORS",
+    "BlendRegressor",
+    "GPRegressor",
+    "KNNRegressor",
+    "MLPRegressor",
+    "Predictor",
+    "Regressor",
+    "RegressorSettings",
+    "RidgeRegressor",
+    "make",
+]
+
+MLP_CAPACITY = 20_000
+"""Samples that a network replays: enough for a flight, and 10 MB of gradients."""
+BLEND_ALPHA, BLEND_REFRESH = 200.0, 0.02
+"""Strong penalty: many features, neighbouring frames alike. Solving for each would take 1 ms."""
+
+
+def _networks(settings: RegressorSettings, n_networks: int) -> MLPRegressor:
+    capacity = min(settings.capacity, MLP_CAPACITY)
+    return MLPRegressor(n_networks=n_networks, capacity=capacity, random_state=settings.seed)
+
 
 REGRESSORS: Mapping[str, Callable[[RegressorSettings], Regressor]] = {
+    "blend": lambda settings: BlendRegressor(
+        RidgeRegressor(alpha=BLEND_ALPHA, refresh=BLEND_REFRESH), _networks(settings, n_networks=2)
+    ),
+    "gp": lambda settings: GPRegressor(window=min(GPRegressor().window, settings.capacity)),
     "knn": lambda settings: KNNRegressor(n_neighbors=settings.k, capacity=settings.capacity),
+    "mlp": lambda settings: _networks(settings, n_networks=3),
+    "ridge": lambda settings: RidgeRegressor(),
 }
 
 

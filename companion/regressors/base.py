@@ -18,6 +18,8 @@ class RegressorSettings(Settings, frozen=True):
     k: Annotated[int, Meta(ge=1, le=64)] = 5
     capacity: Annotated[int, Meta(ge=1, le=10_000_000)] = 100_000
     """Samples kept; beyond it the oldest is replaced."""
+    seed: Annotated[int, Meta(ge=0)] = 0
+    """Of what a regressor draws at random."""
 
 
 class Predictor(Protocol):

@@ -11,7 +11,8 @@ from companion.camera.recording import open_recordings
 from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.messages import StereoFrame
 from companion.learn import run_prequential, run_train_test
-from companion.learner import Learner, LearnerSettings
+from companion.learner import Learner
+from companion.learner_settings import LearnerSettings
 from companion.modelfile import save_model
 from companion.stereo import StereoSettings
 from companion.textons import TextonSettings

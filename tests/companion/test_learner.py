@@ -9,7 +9,8 @@ from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.errors import CompanionError, PlanError
 from companion.kernel.messages import StereoFrame
 from companion.kernel.settings import convert_settings
-from companion.learner import Learner, LearnerSettings, dictionary_of
+from companion.learner import Learner, dictionary_of
+from companion.learner_settings import LearnerSettings
 from companion.modelfile import load_dictionary, load_model, save_model
 
 EYE = Intrinsics(120.0, 120.0, 64.0, 48.0)

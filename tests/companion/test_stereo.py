@@ -222,3 +222,13 @@ def test_a_block_larger_than_the_image_is_refused():
     small = msgspec.structs.replace(CALIBRATION, width_px=32, height_px=24)
     with pytest.raises(PlanError, match=r"stereo.block_px: 25 .* allowed: below 24"):
         StereoMatcher(StereoSettings(block_px=25), small)
+
+
+def test_the_last_map_is_that_of_the_pair_just_matched():
+    matcher = StereoMatcher(StereoSettings(), CALIBRATION)
+    with pytest.raises(RuntimeError, match="needs a pair"):
+        matcher.last_map()
+    for disparity_px in (3.0, 6.0):
+        pair = planted_pair(disparity_px)
+        matcher.match(*pair)
+        assert_allclose(matcher.last_map(), matcher.disparity_map(*pair), atol=0.0)

@@ -98,6 +98,25 @@ def test_the_same_seed_gives_the_same_bytes(fly_lockstep, scheme):
         assert one.bytes_of(name) == other.bytes_of(name)
 
 
+def test_the_best_preset_flies_and_repeats_itself_too(fly_lockstep):
+    words = (*BRIEF, "learner.preset=best")
+    one, other = fly_lockstep(*words), fly_lockstep(*words)
+    for name in ("flight.mcap", "model.npz"):
+        assert one.bytes_of(name) == other.bytes_of(name)
+    assert np.isfinite(one.log.columns("/percept")["mono_px"][-RATE_HZ:]).all()
+
+
+@pytest.mark.parametrize("regressor", ["blend", "gp", "mlp", "ridge"])
+def test_every_regressor_flies(fly_lockstep, regressor):
+    flown = fly_lockstep(
+        *BRIEF,
+        "learner.textons.training_images=10",
+        "learner.preset=none",
+        f"learner.regressor={regressor}",
+    )
+    assert np.isfinite(flown.log.columns("/percept")["mono_px"][-RATE_HZ:]).all()
+
+
 def test_another_seed_flies_another_flight(fly_lockstep):
     logs = [fly_lockstep(*BRIEF, f"seed={seed}").log for seed in (1, 2)]
     one, other = (log.columns("/percept")["stereo_px"] for log in logs)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from sklearn.neighbors import KNeighborsRegressor
 
 from companion.kernel.calibration import Intrinsics, StereoCalibration
-from companion.learner import Learner, LearnerSettings
+from companion.learner import Learner
+from companion.learner_settings import LearnerSettings
 from companion.stereo import StereoMatcher, StereoSettings
 from companion.textons import TextonSettings
 from tools.bench.harness import Row, race_row

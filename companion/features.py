@@ -1,0 +1,91 @@
+"""What an image is turned into before a regressor sees it; the kinds are chosen by name."""
+
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion import gradients
+from companion.kernel.errors import PlanError
+from companion.textons import TextonDictionary, TextonEncoder, TextonSettings, TextonTrainer
+
+Kind = Literal["textons", "gradients"]
+Grey = NDArray[np.uint8]
+Features = NDArray[np.float32]
+
+
+class Extractor(Protocol):
+    """Images to feature vectors of one length."""
+
+    @property
+    def dictionary(self) -> TextonDictionary | None:
+        """The textons, where there are any yet."""
+        ...
+
+    @property
+    def ready(self) -> bool:
+        """True when images become features."""
+        ...
+
+    def observe(self, image: Grey, frozen: bool) -> Features | None:
+        """Features of an image (height, width); None while it can only be learned from."""
+        ...
+
+    def adopt(self, dictionary: TextonDictionary) -> None:
+        """Uses these textons from here on. Raises PlanError where they do not fit."""
+        ...
+
+
+class GradientFeatures:
+    """See companion.gradients: nothing is learned, so it is ready at once."""
+
+    dictionary = None
+    ready = True
+
+    def observe(self, image: Grey, frozen: bool) -> Features | None:
+        return gradients.encode(gradients.shrink(image))
+
+    def adopt(self, dictionary: TextonDictionary) -> None:
+        raise PlanError('learner.dictionary: features "gradients" use no textons')
+
+
+class TextonFeatures:
+    """See companion.textons: learns its dictionary from the first images, unless given one."""
+
+    def __init__(
+        self, settings: TextonSettings, entropy_scale: float, rng: np.random.Generator
+    ) -> None:
+        self._settings = settings
+        self._entropy_scale = entropy_scale
+        training_rng, self._sampling_rng = rng.spawn(2)
+        self._trainer = TextonTrainer(settings, training_rng)
+        self._encoder: TextonEncoder | None = None
+
+    @property
+    def ready(self) -> bool:
+        return self._encoder is not None
+
+    @property
+    def dictionary(self) -> TextonDictionary | None:
+        return self._encoder.dictionary if self._encoder else None
+
+    def observe(self, image: Grey, frozen: bool) -> Features | None:
+        if self._encoder is not None:
+            return self._encoder.encode(image)
+        if not frozen:
+            self._trainer.update(image)
+            if self._trainer.finished:
+                self.adopt(self._trainer.dictionary)
+        return None
+
+    def adopt(self, dictionary: TextonDictionary) -> None:
+        textons = self._settings
+        n_values = textons.patch_px**2
+        wanted = (textons.intensity, n_values), (textons.gradient, n_values)
+        found = dictionary.intensity.shape, dictionary.gradient.shape
+        if found != wanted:
+            raise PlanError(
+                f"dictionary has textons of shape {found[0]} and {found[1]}; "
+                f"the settings ask for {wanted[0]} and {wanted[1]}"
+            )
+        self._encoder = TextonEncoder(dictionary, textons, self._sampling_rng, self._entropy_scale)

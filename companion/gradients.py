@@ -1,0 +1,122 @@
+"""An image's gradients at three scales, pooled on a coarse grid: features that keep place and size.
+
+A histogram of textons forgets where in the image something was and how large; both tell distance.
+Energies are pooled per cell and taken as logarithms, so that contrast and size become sums that a
+regressor can weigh. The image is brought to WIDTH_PX x HEIGHT_PX first, whatever the camera.
+"""
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from companion.kernel.fastmath import FASTMATH
+
+Grey = NDArray[np.uint8]
+Floats32 = NDArray[np.float32]
+
+WIDTH_PX, HEIGHT_PX = 64, 48
+SCALES = 3
+"""Full, half and quarter size."""
+ROWS, COLUMNS = 3, 4
+ENERGIES = 6
+"""Across, down, both diagonals, square, and the lesser of across and down (corners)."""
+QUANTILES = (0.25, 0.5, 0.75, 0.9, 0.98)
+"""Of the gradient's magnitude over the whole image."""
+FLOOR_LSB = 2.0
+"""Added before the logarithm: about the camera's noise, below which a gradient says nothing."""
+BRIGHTNESS_UNIT_LSB = 64.0
+BINS_PER_LSB, MOST_LSB = 4, 364
+"""Of the counts that the quantiles come from: counting is faster than sorting."""
+
+N_FEATURES = SCALES * (ENERGIES * ROWS * COLUMNS + len(QUANTILES)) + ROWS * COLUMNS
+
+
+def shrink(image: Grey) -> Floats32:
+    """``image`` (height, width) at the size that features are made of."""
+    enlarging = image.shape[1] < WIDTH_PX
+    method = cv2.INTER_CUBIC if enlarging else cv2.INTER_AREA
+    return np.asarray(cv2.resize(image, (WIDTH_PX, HEIGHT_PX), interpolation=method), np.float32)
+
+
+def encode(view: Floats32) -> Floats32:
+    """Features (N_FEATURES,) of a view, (HEIGHT_PX, WIDTH_PX) grey levels."""
+    features = np.empty(N_FEATURES, dtype=np.float32)
+    _encode(np.ascontiguousarray(view), np.array(QUANTILES), features)
+    return features
+
+
+@njit(cache=True, nogil=True)
+def _halve(view):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    height, width = view.shape[0] // 2, view.shape[1] // 2
+    half = np.empty((height, width), dtype=np.float32)
+    for row in range(height):
+        for column in range(width):
+            top, left = 2 * row, 2 * column
+            total = view[top, left] + view[top, left + 1]
+            total += view[top + 1, left] + view[top + 1, left + 1]
+            half[row, column] = total * np.float32(0.25)
+    return half
+
+
+@njit(cache=True, nogil=True, fastmath=FASTMATH)
+def _pool(view, energy, counts):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Mean energies per cell, (ENERGIES, ROWS, COLUMNS), and how often each magnitude occurs."""
+    height, width = view.shape[0] // ROWS, view.shape[1] // COLUMNS
+    counts[:] = 0
+    sums = np.empty(ENERGIES)
+    for cell in range(ROWS * COLUMNS):
+        top, left = cell // COLUMNS * height, cell % COLUMNS * width
+        sums[:] = 0.0
+        for row in range(max(top, 1), min(top + height, view.shape[0] - 1)):
+            for column in range(max(left, 1), min(left + width, view.shape[1] - 1)):
+                across = view[row, column + 1] - view[row, column - 1]
+                down = view[row + 1, column] - view[row - 1, column]
+                squared = across * across + down * down
+                sums[0] += abs(across)
+                sums[1] += abs(down)
+                sums[2] += abs(across + down)
+                sums[3] += abs(across - down)
+                sums[4] += squared
+                sums[5] += min(abs(across), abs(down))
+                counts[min(int(np.sqrt(squared) * BINS_PER_LSB), len(counts) - 1)] += 1
+        energy[:, cell // COLUMNS, cell % COLUMNS] = sums / (height * width)
+
+
+@njit(cache=True, nogil=True)
+def _quantiles(counts, quantiles, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Logarithms of the magnitudes that those shares of the pixels stay below."""
+    seen, total, place = 0, counts.sum(), 0
+    for bin_ in range(len(counts)):
+        seen += counts[bin_]
+        while place < len(quantiles) and seen > quantiles[place] * total:
+            features[place] = np.log(FLOOR_LSB + bin_ / BINS_PER_LSB)
+            place += 1
+
+
+@njit(cache=True, nogil=True)
+def _brightness(view, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    height, width = view.shape[0] // ROWS, view.shape[1] // COLUMNS
+    for row in range(ROWS):
+        for column in range(COLUMNS):
+            top, left = row * height, column * width
+            cell = view[top : top + height, left : left + width]
+            features[row * COLUMNS + column] = cell.mean() / BRIGHTNESS_UNIT_LSB
+
+
+# The signature is given so that it is compiled, or read from the cache, before take-off.
+@njit("void(f4[:,::1], f8[::1], f4[::1])", cache=True, nogil=True)
+def _encode(view, quantiles, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    energy = np.empty((ENERGIES, ROWS, COLUMNS))
+    counts = np.empty(int(MOST_LSB * BINS_PER_LSB), dtype=np.int64)
+    n_cells = ROWS * COLUMNS
+    _brightness(view, features[-n_cells:])
+    place = 0
+    for _ in range(SCALES):
+        _pool(view, energy, counts)
+        for value in energy.reshape(-1):
+            features[place] = np.log(FLOOR_LSB + value)
+            place += 1
+        _quantiles(counts, quantiles, features[place:])
+        place += len(quantiles)
+        view = _halve(view)

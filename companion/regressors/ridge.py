@@ -1,0 +1,93 @@
+"""Ridge regression from running sums: exact whatever the order, and no sample is kept."""
+
+from typing import Literal, Self, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cho_factor, cho_solve
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from companion.regressors.base import Arrays, Floats
+
+
+class RidgeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sklearn is untyped
+    """Least squares on scaled features with a penalty of ``alpha`` samples' worth.
+
+    The weights are solved for anew whenever the samples have grown by the share ``refresh``.
+    Learned: ``moments_``, the sums of products of rows (1, features, target), (n + 2, n + 2).
+    """
+
+    def __init__(self, alpha: float = 1.0, refresh: float = 0.0) -> None:
+        self.alpha = alpha
+        self.refresh = refresh
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Forgets all, then learns ``X`` (n, n_features) and ``y`` (n,)."""
+        return self._learn(X, y, reset=True)
+
+    def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Adds samples."""
+        return self._learn(X, y, reset=not hasattr(self, "moments_"))
+
+    @overload
+    def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> Floats: ...
+    @overload
+    def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Floats, Floats]: ...
+    def predict(self, X: ArrayLike, return_std: bool = False) -> Floats | tuple[Floats, Floats]:
+        """Mean (n,); spread: of the residuals, and of the weights far from what was seen."""
+        check_is_fitted(self)
+        samples = validate_data(self, X, dtype=np.float64, reset=False)
+        centred = (samples - self.mean_) / self.scale_
+        mean = centred @ self.weights_ + self.target_mean_
+        if not return_std:
+            return np.asarray(mean)
+        reach = np.einsum("ij,ji->i", centred, cho_solve(self.factor_, centred.T))
+        share = 1.0 / self.moments_[0, 0]
+        return np.asarray(mean), np.sqrt(self.variance_ * (1.0 + share + reach))
+
+    def snapshot(self) -> Self:
+        """The model as it is now; it shares nothing with this one."""
+        check_is_fitted(self)
+        return type(self)(**self.get_params()).restore(self.state())
+
+    def state(self) -> Arrays:
+        """The sums now, and those that the weights are of."""
+        if not hasattr(self, "moments_"):
+            return {}
+        return {"moments": self.moments_.copy(), "solved": self.solved_moments_.copy()}
+
+    def restore(self, state: Arrays) -> Self:
+        """Takes up where ``state`` was taken."""
+        if state:
+            self.n_features_in_ = len(state["moments"]) - 2
+            self.moments_ = np.array(state["solved"], dtype=np.float64)
+            self._solve()
+            self.moments_ = np.array(state["moments"], dtype=np.float64)
+        return self
+
+    def _learn(self, X: ArrayLike, y: ArrayLike, *, reset: bool) -> Self:
+        samples, targets = validate_data(self, X, y, dtype=np.float64, y_numeric=True, reset=reset)
+        if reset:
+            size = self.n_features_in_ + 2
+            self.moments_ = np.zeros((size, size))
+        rows = np.column_stack([np.ones(len(samples)), samples, targets])
+        self.moments_ += rows.T @ rows
+        if reset or self.moments_[0, 0] > (1.0 + self.refresh) * self.solved_moments_[0, 0]:
+            self._solve()
+        return self
+
+    def _solve(self) -> None:
+        """Weights from the sums."""
+        n_seen = self.moments_[0, 0]
+        mean = self.moments_[0, 1:] / n_seen
+        scatter = self.moments_[1:, 1:] - n_seen * np.outer(mean, mean)
+        spread = np.sqrt(np.maximum(np.diag(scatter)[:-1], 0.0) / n_seen)
+        self.mean_, self.target_mean_ = mean[:-1], mean[-1]
+        self.scale_: NDArray[np.float64] = np.where(spread > 1e-9, spread, 1.0)
+        products = scatter[:-1, :-1] / np.outer(self.scale_, self.scale_)
+        self.factor_ = cho_factor(products + self.alpha * np.eye(len(products)), lower=True)
+        towards = scatter[:-1, -1] / self.scale_
+        self.weights_ = cho_solve(self.factor_, towards)
+        self.variance_ = max(float(scatter[-1, -1] - towards @ self.weights_), 0.0) / n_seen
+        self.solved_moments_ = self.moments_.copy()
