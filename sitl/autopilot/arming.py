@@ -43,10 +43,16 @@ class Arming:
 
 
 def arming_problems(
-    *, estimator_ready: bool, battery_ok: bool, offboard_without_setpoints: bool, upright: bool
+    *,
+    allowed: bool,
+    estimator_ready: bool,
+    battery_ok: bool,
+    offboard_without_setpoints: bool,
+    upright: bool,
 ) -> list[str]:
     """Why arming is refused now; empty when it is not."""
     problems = (
+        (not allowed, "not allowed by COM_ARMABLE"),
         (not estimator_ready, "no valid local position estimate"),
         (not battery_ok, "battery too low"),
         (offboard_without_setpoints, "no offboard setpoints"),

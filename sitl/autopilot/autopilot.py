@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from companion.kernel.frames import Vector3
 from companion.kernel.messages import FlightMode, LandedState
 from sitl.airframe import AirframeState
 from sitl.autopilot.arming import Arming, arming_problems
@@ -25,6 +26,7 @@ from sitl.autopilot.interface import (
     VehicleStatus,
 )
 from sitl.autopilot.parameters import change_parameter, default_parameters
+from sitl.autopilot.vibration import Vibration
 from sitl.settings import BatterySettings, EstimatorSettings
 
 CONTROL_HZ: Final = 50
@@ -58,7 +60,7 @@ class Autopilot:
         self.parameters = default_parameters()
         self._now_s = now_s
         self._estimator = Estimator(estimator, CONTROL_HZ, rng)
-        self._battery = Battery(battery)
+        self._battery = Battery(battery, self.parameters)
         self._flight = Flight(self.parameters, hover_thrust_norm, CONTROL_HZ)
         self._arming = Arming(self.parameters)
         self._failsafe = Failsafe(self.parameters)
@@ -67,7 +69,9 @@ class Autopilot:
         self._intended = FlightMode.HOLD
         self._setpoint_s = -math.inf
         self._motors_norm = start.motors_norm
+        self._vibration = Vibration()
         self.estimate: Estimate = self._estimator.update(start)
+        self._home_ned_m, self._home_yaw_rad = (0.0, 0.0, 0.0), self.estimate.yaw_rad
 
     @property
     def airborne(self) -> bool:
@@ -99,6 +103,11 @@ class Autopilot:
             roll_setpoint_rad=command.roll_rad,
             pitch_setpoint_rad=command.pitch_rad,
             yaw_rate_setpoint_rad_s=command.yaw_rate_rad_s,
+            intended_mode=self._intended,
+            home_ned_m=self._home_ned_m,
+            home_yaw_rad=self._home_yaw_rad,
+            gyro_vibration_rad_s=self._vibration.gyro_rad_s,
+            acceleration_vibration_m_s2=self._vibration.acceleration_m_s2,
         )
 
     def set_parameter(self, name: str, value: float) -> bool:
@@ -132,6 +141,9 @@ class Autopilot:
         wanted_m = self.parameters["MIS_TAKEOFF_ALT"] if math.isnan(height_m) else height_m
         if not 0.0 < wanted_m < math.inf:
             return Ack.DENIED
+        again = wanted_m == self._flight.take_off_height_m and self._intended is FlightMode.TAKEOFF
+        if again and self._failsafe.action <= Action.WARN:
+            return Ack.ACCEPTED
         if self.airborne:
             return self._refuse(FlightMode.TAKEOFF)
         self._flight.take_off_height_m = wanted_m
@@ -156,6 +168,41 @@ class Autopilot:
         self._flight.setpoint = setpoint
         self._setpoint_s = self._now_s()
 
+    def reposition(
+        self, position_ned_m: Vector3, yaw_rad: float = math.nan, speed_m_s: float = math.nan
+    ) -> Ack:
+        if any(math.isinf(value) for value in (*position_ned_m, yaw_rad, speed_m_s)):
+            return Ack.DENIED
+        if not self.airborne:
+            return self._refuse(FlightMode.HOLD)
+        if not math.isnan(speed_m_s):
+            self._flight.cruise_m_s = speed_m_s
+        self._flight.reposition(position_ned_m, yaw_rad)
+        return self._intend(FlightMode.HOLD)
+
+    def change_speed(self, speed_m_s: float) -> Ack:
+        self._flight.cruise_m_s = speed_m_s
+        return Ack.ACCEPTED
+
+    def set_home(self, position_ned_m: Vector3 | None) -> Ack:
+        place = self.estimate.position_ned_m if position_ned_m is None else position_ned_m
+        if not (self._estimator.ready(self.estimate.time_s) and all(map(math.isfinite, place))):
+            return Ack.DENIED
+        self._home_ned_m, self._home_yaw_rad = place, self.estimate.yaw_rad
+        return Ack.ACCEPTED
+
+    def reboot(self) -> Ack:
+        if self._arming.armed:
+            self._say(Severity.CRITICAL, "Reboot denied: armed")
+            return Ack.TEMPORARILY_REJECTED
+        self._texts.clear()
+        self._estimator.restart(self._now_s())
+        self._ready = False
+        self._intended = FlightMode.HOLD
+        self._setpoint_s = -math.inf
+        self._flight.cruise_m_s = math.nan
+        return Ack.ACCEPTED
+
     def terminate(self, reason: str) -> None:
         """Motors off at once, wherever the vehicle is."""
         if self._arming.armed:
@@ -167,6 +214,7 @@ class Autopilot:
     def update(self, truth: AirframeState) -> MotorCommand:
         """One step of everything; ``truth`` is what the sensors are made from."""
         self.estimate = estimate = self._estimator.update(truth)
+        self._vibration.update(estimate)
         self._motors_norm = truth.motors_norm
         self._battery.update(truth.motors_norm, 1.0 / CONTROL_HZ)
         if self._arming.armed:
@@ -204,7 +252,7 @@ class Autopilot:
             self._intended is FlightMode.OFFBOARD,
             estimate.time_s - self._setpoint_s,
             self._battery.charge_norm,
-            estimate.position_ned_m,
+            _from(self._home_ned_m, estimate.position_ned_m),
             self._upright(),
         )
         causes = self._failsafe.update(situation)
@@ -231,10 +279,15 @@ class Autopilot:
         offboard = self._intended is FlightMode.OFFBOARD
         return arming_problems(
             estimator_ready=self._estimator.ready(self.estimate.time_s),
-            battery_ok=self._battery.charge_norm > self.parameters["BAT_CRIT_THR"],
+            battery_ok=self._battery.charge_norm > self._charge_to_arm_norm(),
+            allowed=self.parameters["COM_ARMABLE"] == 1,
             offboard_without_setpoints=offboard and self._setpoints_lost(),
             upright=self._upright(),
         )
+
+    def _charge_to_arm_norm(self) -> float:
+        minimum = self.parameters["COM_ARM_BAT_MIN"]
+        return minimum if minimum >= 0.0 else self.parameters["BAT_CRIT_THR"]
 
     # -- changes of state ----------------------------------------------------------------------
 
@@ -262,3 +315,10 @@ class Autopilot:
 
     def _say(self, severity: Severity, text: str) -> None:
         self._texts.append(StatusText(self._now_s(), severity, text))
+
+
+def _from(home_ned_m: Vector3, position_ned_m: Vector3) -> Vector3:
+    north, east, down = (
+        place - home for place, home in zip(position_ned_m, home_ned_m, strict=True)
+    )
+    return north, east, down

@@ -1,15 +1,12 @@
 """Carrying out a mode, from the ground up and down to it again."""
 
-from typing import Final
-
+from companion.kernel.frames import Vector3
 from companion.kernel.messages import NAN, FlightMode, LandedState
 from sitl.autopilot.control import RELAXED, AttitudeCommand, Controller, Goal
 from sitl.autopilot.ground import GroundDetector, GroundState
 from sitl.autopilot.interface import NAN3, Estimate, OffboardSetpoint
-from sitl.autopilot.modes import Hold, Land, Mode, Offboard, TakeOff
+from sitl.autopilot.modes import GoTo, Hold, Land, Mode, Offboard, TakeOff
 from sitl.autopilot.parameters import Number
-
-_LIFT_RAMP_S: Final = 1.0  # lift grows over this time at take-off (PX4's MPC_TKO_RAMP_T is 3 s)
 
 
 class Flight:
@@ -21,11 +18,13 @@ class Flight:
         self._parameters = parameters
         self._hover_norm = hover_thrust_norm
         self.controller = Controller(parameters, hover_thrust_norm, update_hz)
-        self.ground = GroundDetector(update_hz)
+        self.ground = GroundDetector(parameters, update_hz)
         self.setpoint = OffboardSetpoint()
         """What offboard mode flies."""
         self.take_off_height_m = NAN
         """What the next take-off climbs to."""
+        self.cruise_m_s = NAN
+        """On the way to a place; NaN for MPC_XY_CRUISE."""
         self.stop()
 
     def stop(self) -> None:
@@ -54,6 +53,15 @@ class Flight:
             return LandedState.TAKING_OFF if self._mode.low else LandedState.IN_AIR
         return LandedState.LANDING if isinstance(self._mode, Land) else LandedState.IN_AIR
 
+    def reposition(self, position_ned_m: Vector3, yaw_rad: float) -> None:
+        """Holds there from now on; axes of NaN stay where the vehicle comes to rest."""
+        self._mode = GoTo(position_ned_m, self._cruise_m_s, yaw_rad)
+        self._flown = FlightMode.HOLD
+
+    def _cruise_m_s(self) -> float:
+        asked = self.cruise_m_s == self.cruise_m_s  # not NaN
+        return self.cruise_m_s if asked else self._parameters["MPC_XY_CRUISE"]
+
     def feel_ground(self, estimate: Estimate) -> None:
         lift_norm = self.command.thrust_norm / self._hover_norm
         self.ground.update(estimate, self.controller.descent_setpoint_m_s, lift_norm)
@@ -76,9 +84,10 @@ class Flight:
             self.controller.reset(estimate)
             return RELAXED
         self.goal = self._mode.goal(estimate)
-        if ground.state is GroundState.LIFTING_OFF and ground.time_in_state_s < _LIFT_RAMP_S:
+        ramp_s = self._parameters["MPC_TKO_RAMP_T"]
+        if ground.state is GroundState.LIFTING_OFF and ground.time_in_state_s < ramp_s:
             self.controller.reset(estimate)
-            lift_norm = ground.time_in_state_s / _LIFT_RAMP_S
+            lift_norm = ground.time_in_state_s / ramp_s
             return AttitudeCommand(0.0, 0.0, 0.0, self._hover_norm * lift_norm)
         return self.controller.update(self.goal, estimate)
 

@@ -1,6 +1,7 @@
 """Flight modes: each turns an estimate into a goal, and remembers what it holds on to."""
 
 import math
+from collections.abc import Callable
 from typing import Final, Protocol
 
 from companion.kernel.frames import Vector3
@@ -12,6 +13,7 @@ from sitl.autopilot.parameters import Number
 _STOPPED_M_S: Final = 0.1  # slower than this, a position can be held
 _REACHED_M: Final = 0.1
 _STEADY_M_S: Final = 0.2
+_NOSE_AHEAD_M: Final = 0.5  # closer than this the direction to a place means little
 
 
 class Mode(Protocol):
@@ -52,6 +54,33 @@ class Hold:
     def goal(self, estimate: Estimate) -> Goal:
         north, east = self._anchor.level(estimate)
         return Goal((north, east, self._anchor.down(estimate)))
+
+
+class GoTo:
+    """Flies to a place and stays there, nose ahead on the way unless a heading is given.
+
+    Axes of NaN hold where the vehicle comes to rest.
+    """
+
+    def __init__(
+        self, position_ned_m: Vector3, speed_m_s: Callable[[], float], yaw_rad: float = NAN
+    ) -> None:
+        self._anchor = _Anchor(position_ned_m)
+        self._speed_m_s = speed_m_s
+        self._yaw_rad = yaw_rad
+        self._ahead = yaw_rad != yaw_rad
+
+    def goal(self, estimate: Estimate) -> Goal:
+        north, east = self._anchor.level(estimate)
+        d_north = north - estimate.position_ned_m[0]
+        d_east = east - estimate.position_ned_m[1]
+        if self._ahead and math.hypot(d_north, d_east) > _NOSE_AHEAD_M:
+            self._yaw_rad = math.atan2(d_east, d_north)
+        return Goal(
+            (north, east, self._anchor.down(estimate)),
+            yaw_rad=self._yaw_rad,
+            level_limit_m_s=self._speed_m_s(),
+        )
 
 
 class TakeOff:

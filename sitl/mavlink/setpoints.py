@@ -1,5 +1,7 @@
 """SET_POSITION_TARGET_LOCAL_NED to what the autopilot takes: NED, NaN where not controlled."""
 
+import math
+
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.frames import Vector3, ned_from_hfrd, wrap_angle_rad
@@ -29,7 +31,7 @@ def offboard_setpoint(
         return None
     position = _masked((message.x, message.y, message.z), _IGNORE_POSITION, mask)
     velocity = _masked((message.vx, message.vy, message.vz), _IGNORE_VELOCITY, mask)
-    yaw_rad = NAN if mask & _IGNORE_YAW else message.yaw
+    yaw_rad = _number(message.yaw, _IGNORE_YAW, mask)
     if frame in _BODY_FRAMES:
         position = _turned(position, estimate.yaw_rad)
         velocity = _turned(velocity, estimate.yaw_rad)
@@ -39,13 +41,18 @@ def offboard_setpoint(
     if frame == mavlink.MAV_FRAME_BODY_OFFSET_NED:
         yaw_rad = wrap_angle_rad(yaw_rad + estimate.yaw_rad)
     return OffboardSetpoint(
-        position, velocity, yaw_rad, NAN if mask & _IGNORE_YAW_RATE else message.yaw_rate
+        position, velocity, yaw_rad, _number(message.yaw_rate, _IGNORE_YAW_RATE, mask)
     )
 
 
 def _masked(vector: Vector3, bits: tuple[int, int, int], mask: int) -> Vector3:
-    x, y, z = (NAN if mask & bit else value for value, bit in zip(vector, bits, strict=True))
+    x, y, z = (_number(value, bit, mask) for value, bit in zip(vector, bits, strict=True))
     return x, y, z
+
+
+def _number(value: float, ignore_bit: int, mask: int) -> float:
+    """NaN where it is masked out or not finite: neither is controlled."""
+    return NAN if mask & ignore_bit or not math.isfinite(value) else value
 
 
 def _turned(vector_hfrd: Vector3, yaw_rad: float) -> Vector3:
