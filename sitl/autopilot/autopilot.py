@@ -31,6 +31,7 @@ from sitl.settings import BatterySettings, EstimatorSettings
 
 CONTROL_HZ: Final = 50
 _UPRIGHT_RAD: Final = math.radians(60.0)  # PX4's failure detector, FD_FAIL_R and FD_FAIL_P
+_FARTHEST_M: Final = 10_000.0  # from the start: beyond it a flat Earth is wrong
 _TEXTS_KEPT: Final = 500  # while no link takes them; then the oldest go
 _SELECTABLE: Final = (FlightMode.HOLD, FlightMode.OFFBOARD, FlightMode.LAND, FlightMode.TAKEOFF)
 
@@ -171,7 +172,7 @@ class Autopilot:
     def reposition(
         self, position_ned_m: Vector3, yaw_rad: float = math.nan, speed_m_s: float = math.nan
     ) -> Ack:
-        if any(math.isinf(value) for value in (*position_ned_m, yaw_rad, speed_m_s)):
+        if math.isinf(yaw_rad) or any(abs(place) > _FARTHEST_M for place in position_ned_m):
             return Ack.DENIED
         if not self.airborne:
             return self._refuse(FlightMode.HOLD)
@@ -186,7 +187,8 @@ class Autopilot:
 
     def set_home(self, position_ned_m: Vector3 | None) -> Ack:
         place = self.estimate.position_ned_m if position_ned_m is None else position_ned_m
-        if not (self._estimator.ready(self.estimate.time_s) and all(map(math.isfinite, place))):
+        ready = self._estimator.ready(self.estimate.time_s)
+        if not (ready and all(abs(axis) <= _FARTHEST_M for axis in place)):
             return Ack.DENIED
         self._home_ned_m, self._home_yaw_rad = place, self.estimate.yaw_rad
         return Ack.ACCEPTED

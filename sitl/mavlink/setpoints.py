@@ -1,7 +1,5 @@
 """SET_POSITION_TARGET_LOCAL_NED to what the autopilot takes: NED, NaN where not controlled."""
 
-import math
-
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.frames import Vector3, ned_from_hfrd, wrap_angle_rad
@@ -16,6 +14,7 @@ _IGNORE_POSITION = (1, 2, 4)
 _IGNORE_VELOCITY = (8, 16, 32)
 _IGNORE_YAW = 1024
 _IGNORE_YAW_RATE = 2048
+_LARGEST = 1e6  # metres, metres per second, radians
 
 
 def offboard_setpoint(
@@ -51,8 +50,8 @@ def _masked(vector: Vector3, bits: tuple[int, int, int], mask: int) -> Vector3:
 
 
 def _number(value: float, ignore_bit: int, mask: int) -> float:
-    """NaN where it is masked out or not finite: neither is controlled."""
-    return NAN if mask & ignore_bit or not math.isfinite(value) else value
+    """NaN, not controlled, where it is masked out or nothing that can be flown."""
+    return value if not mask & ignore_bit and abs(value) < _LARGEST else NAN
 
 
 def _turned(vector_hfrd: Vector3, yaw_rad: float) -> Vector3:

@@ -1,5 +1,6 @@
 """A vehicle in a hall without obstacles, for tests of the autopilot and the world."""
 
+import functools
 import math
 import socket
 from typing import NamedTuple
@@ -9,8 +10,10 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from pymavlink.dialects.v20 import development
 
+from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.messages import FlightMode
 from sitl.autopilot.interface import Ack, OffboardSetpoint
+from sitl.mavlink.camera import CameraDescription
 from sitl.mavlink.links import open_link
 from sitl.mavlink.server import MavlinkServer
 from sitl.settings import SitlSettings
@@ -200,14 +203,23 @@ class MavlinkFlight:
 
     def run(self, duration_s):
         """Returns what the client got meanwhile."""
-        messages = []
+        return list(self.each(duration_s))
+
+    def each(self, duration_s):
+        """The same one by one, as they come."""
         end_s = self.world.time_s + duration_s
         while self.world.time_s < end_s - 1e-9:
             self.server.poll()
             self.world.step()
             self.server.update(self.world.time_s)
-            messages += self.client.received()
-        return messages
+            yield from self.client.received()
+
+    def interval_us(self, number):
+        self.client.received()
+        self.client.command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, number)
+        (answer,) = self.answers("MESSAGE_INTERVAL")
+        assert answer.message_id == number
+        return answer.interval_us
 
     def answers(self, kind):
         self.server.poll()
@@ -242,9 +254,7 @@ class MavlinkFlight:
         self.server.close()
 
 
-@pytest.fixture
-def fly_mavlink():
-    """Builds flights with clients: ``fly_mavlink(*urls, settings=..., client={...}, log=...)``."""
+def _flights():
     flights = []
 
     def fly(*urls, **options):
@@ -254,3 +264,25 @@ def fly_mavlink():
     yield fly
     for flight in flights:
         flight.close()
+
+
+@pytest.fixture
+def fly_mavlink():
+    """Builds flights with clients: ``fly_mavlink(*urls, settings=..., client={...}, log=...)``."""
+    yield from _flights()
+
+
+@pytest.fixture(scope="module")
+def make_module_flight(camera_description):
+    """One flight for all tests of a module, on the ground: the same at every call."""
+    for fly in _flights():
+        yield functools.cache(lambda fly=fly: fly(camera=camera_description))
+
+
+@pytest.fixture(scope="session")
+def camera_description():
+    eye = Intrinsics(focal_x_px=100.0, focal_y_px=100.0, centre_x_px=63.5, centre_y_px=47.5)
+    calibration = StereoCalibration(
+        width_px=128, height_px=96, left=eye, right=eye, baseline_m=0.06
+    )
+    return CameraDescription(calibration, 10.0, "tcp://127.0.0.1:14590")

@@ -226,9 +226,8 @@ def test_unsigned_commands_are_refused_but_telemetry_may_be_watched(fly_mavlink,
     assert flight.acks(ARM, 1.0) == []
     assert not flight.autopilot.status.armed
     assert flight.value_of(b"MIS_TAKEOFF_ALT") == []
-    assert [record.message for record in caplog.records] == [
-        "refused COMMAND_LONG: this vehicle obeys signed messages only, and its signature is missing"
-    ]
+    (record,) = caplog.records
+    assert record.message.startswith("refused COMMAND_LONG: this vehicle obeys signed messages")
 
 
 @pytest.mark.parametrize(
