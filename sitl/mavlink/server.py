@@ -53,9 +53,9 @@ class MavlinkServer:
         self._heartbeat_us = 1e6 * min(1.0, speed)
         self._keyring = keyring
         self._time_s = autopilot.estimate.time_s
+        self._parameters = ParameterProtocol(autopilot, parameter_file)
         self._source = _source_of(autopilot)
         self._channels: dict[Client, Channel] = {}
-        self._parameters = ParameterProtocol(autopilot, parameter_file)
         self._builders: dict[int, Callable[[Snapshot], Message]] = {
             message_id: stream.builder for message_id, stream in STREAMS.items()
         }
