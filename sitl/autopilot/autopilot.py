@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -12,11 +12,12 @@ from companion.kernel.messages import FlightMode, LandedState
 from sitl.airframe import AirframeState
 from sitl.autopilot.arming import Arming, arming_problems
 from sitl.autopilot.battery import Battery
-from sitl.autopilot.control import RELAXED, AttitudeCommand
+from sitl.autopilot.control import RELAXED, MotorCommand
 from sitl.autopilot.estimator import Estimator
 from sitl.autopilot.failsafe import ACTION_MODES, Action, Failsafe, Situation
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.ground import GroundState
+from sitl.autopilot.home import FARTHEST_M, Home
 from sitl.autopilot.interface import (
     Ack,
     Estimate,
@@ -31,16 +32,8 @@ from sitl.settings import BatterySettings, EstimatorSettings
 
 CONTROL_HZ: Final = 50
 _UPRIGHT_RAD: Final = math.radians(60.0)  # PX4's failure detector, FD_FAIL_R and FD_FAIL_P
-_FARTHEST_M: Final = 10_000.0  # from the start: beyond it a flat Earth is wrong
 _TEXTS_KEPT: Final = 500  # while no link takes them; then the oldest go
 _SELECTABLE: Final = (FlightMode.HOLD, FlightMode.OFFBOARD, FlightMode.LAND, FlightMode.TAKEOFF)
-
-
-class MotorCommand(NamedTuple):
-    """For the airframe: whether the rotors are powered, and what its inner loops fly."""
-
-    spinning: bool
-    attitude: AttitudeCommand
 
 
 class Autopilot:
@@ -72,7 +65,7 @@ class Autopilot:
         self._motors_norm = start.motors_norm
         self._vibration = Vibration()
         self.estimate: Estimate = self._estimator.update(start)
-        self._home_ned_m, self._home_yaw_rad = (0.0, 0.0, 0.0), self.estimate.yaw_rad
+        self._home = Home(self.estimate.yaw_rad)
 
     @property
     def airborne(self) -> bool:
@@ -105,8 +98,8 @@ class Autopilot:
             pitch_setpoint_rad=command.pitch_rad,
             yaw_rate_setpoint_rad_s=command.yaw_rate_rad_s,
             intended_mode=self._intended,
-            home_ned_m=self._home_ned_m,
-            home_yaw_rad=self._home_yaw_rad,
+            home_ned_m=self._home.position_ned_m,
+            home_yaw_rad=self._home.yaw_rad,
             gyro_vibration_rad_s=self._vibration.gyro_rad_s,
             acceleration_vibration_m_s2=self._vibration.acceleration_m_s2,
         )
@@ -169,16 +162,12 @@ class Autopilot:
         self._flight.setpoint = setpoint
         self._setpoint_s = self._now_s()
 
-    def reposition(
-        self, position_ned_m: Vector3, yaw_rad: float = math.nan, speed_m_s: float = math.nan
-    ) -> Ack:
-        if math.isinf(yaw_rad) or any(abs(place) > _FARTHEST_M for place in position_ned_m):
+    def reposition(self, position_ned_m: Vector3, yaw_rad: float, speed_m_s: float) -> Ack:
+        if math.isinf(yaw_rad) or any(abs(place) > FARTHEST_M for place in position_ned_m):
             return Ack.DENIED
         if not self.airborne:
             return self._refuse(FlightMode.HOLD)
-        if not math.isnan(speed_m_s):
-            self._flight.cruise_m_s = speed_m_s
-        self._flight.reposition(position_ned_m, yaw_rad)
+        self._flight.reposition(position_ned_m, yaw_rad, speed_m_s)
         return self._intend(FlightMode.HOLD)
 
     def change_speed(self, speed_m_s: float) -> Ack:
@@ -187,11 +176,8 @@ class Autopilot:
 
     def set_home(self, position_ned_m: Vector3 | None) -> Ack:
         place = self.estimate.position_ned_m if position_ned_m is None else position_ned_m
-        ready = self._estimator.ready(self.estimate.time_s)
-        if not (ready and all(abs(axis) <= _FARTHEST_M for axis in place)):
-            return Ack.DENIED
-        self._home_ned_m, self._home_yaw_rad = place, self.estimate.yaw_rad
-        return Ack.ACCEPTED
+        known, yaw_rad = self._estimator.ready(self.estimate.time_s), self.estimate.yaw_rad
+        return Ack.ACCEPTED if known and self._home.move(place, yaw_rad) else Ack.DENIED
 
     def reboot(self) -> Ack:
         if self._arming.armed:
@@ -199,10 +185,7 @@ class Autopilot:
             return Ack.TEMPORARILY_REJECTED
         self._texts.clear()
         self._estimator.restart(self._now_s())
-        self._ready = False
-        self._intended = FlightMode.HOLD
-        self._setpoint_s = -math.inf
-        self._flight.cruise_m_s = math.nan
+        self._ready, self._intended, self._setpoint_s = False, FlightMode.HOLD, -math.inf
         return Ack.ACCEPTED
 
     def terminate(self, reason: str) -> None:
@@ -254,7 +237,7 @@ class Autopilot:
             self._intended is FlightMode.OFFBOARD,
             estimate.time_s - self._setpoint_s,
             self._battery.charge_norm,
-            _from(self._home_ned_m, estimate.position_ned_m),
+            self._home.offset_ned_m(estimate.position_ned_m),
             self._upright(),
         )
         causes = self._failsafe.update(situation)
@@ -281,15 +264,11 @@ class Autopilot:
         offboard = self._intended is FlightMode.OFFBOARD
         return arming_problems(
             estimator_ready=self._estimator.ready(self.estimate.time_s),
-            battery_ok=self._battery.charge_norm > self._charge_to_arm_norm(),
+            battery_ok=self._battery.enough_to_arm,
             allowed=self.parameters["COM_ARMABLE"] == 1,
             offboard_without_setpoints=offboard and self._setpoints_lost(),
             upright=self._upright(),
         )
-
-    def _charge_to_arm_norm(self) -> float:
-        minimum = self.parameters["COM_ARM_BAT_MIN"]
-        return minimum if minimum >= 0.0 else self.parameters["BAT_CRIT_THR"]
 
     # -- changes of state ----------------------------------------------------------------------
 
@@ -317,10 +296,3 @@ class Autopilot:
 
     def _say(self, severity: Severity, text: str) -> None:
         self._texts.append(StatusText(self._now_s(), severity, text))
-
-
-def _from(home_ned_m: Vector3, position_ned_m: Vector3) -> Vector3:
-    north, east, down = (
-        place - home for place, home in zip(position_ned_m, home_ned_m, strict=True)
-    )
-    return north, east, down

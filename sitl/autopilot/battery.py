@@ -25,6 +25,12 @@ class Battery:
         self.voltage_v = 0.0
         self.update((0.0, 0.0, 0.0, 0.0), 0.0)
 
+    @property
+    def enough_to_arm(self) -> bool:
+        """By COM_ARM_BAT_MIN; if that is negative, by the critical level."""
+        minimum = self._parameters["COM_ARM_BAT_MIN"]
+        return self.charge_norm > (minimum if minimum >= 0.0 else self._parameters["BAT_CRIT_THR"])
+
     def update(self, motors_norm: tuple[float, float, float, float], step_s: float) -> None:
         """Draws what rotors at these shares of their greatest thrust need for ``step_s``."""
         a, b, c, d = motors_norm

@@ -48,6 +48,13 @@ class AttitudeCommand(NamedTuple):
     thrust_norm: float
 
 
+class MotorCommand(NamedTuple):
+    """For the airframe: whether the rotors are powered, and what its inner loops fly."""
+
+    spinning: bool
+    attitude: AttitudeCommand
+
+
 RELAXED: Final = AttitudeCommand(0.0, 0.0, 0.0, 0.0)
 
 

@@ -53,8 +53,10 @@ class Flight:
             return LandedState.TAKING_OFF if self._mode.low else LandedState.IN_AIR
         return LandedState.LANDING if isinstance(self._mode, Land) else LandedState.IN_AIR
 
-    def reposition(self, position_ned_m: Vector3, yaw_rad: float) -> None:
+    def reposition(self, position_ned_m: Vector3, yaw_rad: float, speed_m_s: float) -> None:
         """Holds there from now on; axes of NaN stay where the vehicle comes to rest."""
+        if speed_m_s == speed_m_s:  # not NaN
+            self.cruise_m_s = speed_m_s
         self._mode = GoTo(position_ned_m, self._cruise_m_s, yaw_rad)
         self._flown = FlightMode.HOLD
 

@@ -121,9 +121,7 @@ class AutopilotPort(Protocol):
         """Stamped with the world's time; feeds the offboard-loss timer."""
         ...
 
-    def reposition(
-        self, position_ned_m: Vector3, yaw_rad: float = NAN, speed_m_s: float = NAN
-    ) -> Ack:
+    def reposition(self, position_ned_m: Vector3, yaw_rad: float, speed_m_s: float) -> Ack:
         """Flies there and holds. NaN: the height or place of now, nose ahead, change_speed's."""
         ...
 

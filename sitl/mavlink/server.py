@@ -9,12 +9,13 @@ from sitl.autopilot.interface import Ack, AutopilotPort, StatusText
 from sitl.mavlink import commands, framing
 from sitl.mavlink.camera import CameraDescription
 from sitl.mavlink.channel import Channel
+from sitl.mavlink.link_commands import LinkCommands
 from sitl.mavlink.links import Client, Link
 from sitl.mavlink.parameter_file import ParameterFile
 from sitl.mavlink.parameters import ParameterProtocol
 from sitl.mavlink.setpoints import FRAMES, offboard_setpoint
 from sitl.mavlink.signing import Keyring, Signer
-from sitl.mavlink.snapshot import Message, Snapshot
+from sitl.mavlink.snapshot import Snapshot
 from sitl.mavlink.streams import STREAMS
 from sitl.mavlink.tlog import TelemetryLog
 
@@ -22,9 +23,6 @@ logger = logging.getLogger(__name__)
 
 MAX_DATAGRAMS_PER_POLL = 64
 """So that a flooding client cannot stop the world."""
-
-
-_CommandHandler = Callable[[Channel, mavlink.MAVLink_message, commands.Parameters], None]
 
 
 class MavlinkServer:
@@ -56,12 +54,11 @@ class MavlinkServer:
         self._parameters = ParameterProtocol(autopilot, parameter_file)
         self._source = _source_of(autopilot)
         self._channels: dict[Client, Channel] = {}
-        self._builders: dict[int, Callable[[Snapshot], Message]] = {
-            message_id: stream.builder for message_id, stream in STREAMS.items()
-        }
+        builders = {message_id: stream.builder for message_id, stream in STREAMS.items()}
         if camera is not None:
-            self._builders[mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION] = camera.information
-            self._builders[mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION] = camera.video_stream
+            builders[mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION] = camera.information
+            builders[mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION] = camera.video_stream
+        self._link_commands = LinkCommands(builders, self._parameters)
         self._unknown_frames: set[int] = set()
         self._handlers: Mapping[int, Callable[[Channel, mavlink.MAVLink_message], None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
@@ -74,14 +71,6 @@ class MavlinkServer:
             mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_parameter,
             mavlink.MAVLINK_MSG_ID_PARAM_SET: self._on_parameter,
             mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: self._on_mission_request,
-        }
-        self._own_commands: Mapping[int, _CommandHandler] = {
-            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._on_set_interval,
-            mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._on_get_interval,
-            mavlink.MAV_CMD_REQUEST_MESSAGE: self._on_request_message,
-            mavlink.MAV_CMD_PREFLIGHT_STORAGE: self._on_storage,
-            mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: self._on_reboot,
-            **dict.fromkeys(commands.REQUESTS, self._on_request_message),
         }
 
     def filenos(self) -> list[int]:
@@ -198,46 +187,20 @@ class MavlinkServer:
             channel.has_ground_station = True
 
     def _on_command(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
-        parameters = commands.parameters_of(message)
-        if message.command in self._own_commands:
-            # A message that was asked for follows its ACK, as clients expect.
-            self._own_commands[message.command](channel, message, parameters)
+        command, parameters = message.command, commands.parameters_of(message)
+        if command == mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
+            self._on_reboot(channel, message, parameters)
             return
-        if message.command == mavlink.MAV_CMD_DO_SET_MODE:
-            # PX4's receiver accepts at once; its commander's verdict follows as a second one.
-            self._acknowledge(channel, message, Ack.ACCEPTED)
-        ack = commands.execute(self._autopilot, message.command, parameters)
+        outcome = self._link_commands.execute(channel, command, parameters, self._snapshot())
+        if outcome is None:
+            if command == mavlink.MAV_CMD_DO_SET_MODE:
+                # PX4's receiver accepts at once; its commander's verdict follows as a second one.
+                self._acknowledge(channel, message, Ack.ACCEPTED)
+            outcome = commands.execute(self._autopilot, command, parameters), ()
+        ack, answers = outcome
         self._acknowledge(channel, message, ack)
-
-    def _on_set_interval(
-        self, channel: Channel, message: mavlink.MAVLink_message, p: commands.Parameters
-    ) -> None:
-        known = channel.schedule.set_interval(commands.whole(p[0]), p[1], self._time_s)
-        self._acknowledge(channel, message, Ack.ACCEPTED if known else Ack.DENIED)
-
-    def _on_get_interval(
-        self, channel: Channel, message: mavlink.MAVLink_message, p: commands.Parameters
-    ) -> None:
-        message_id = commands.whole(p[0])
-        known = 0 <= message_id <= 0xFFFF
-        self._acknowledge(channel, message, Ack.ACCEPTED if known else Ack.DENIED)
-        if known:
-            interval_us = channel.schedule.interval_us(message_id)
-            self._send(channel, mavlink.MAVLink_message_interval_message(message_id, interval_us))
-
-    def _on_request_message(
-        self, channel: Channel, message: mavlink.MAVLink_message, p: commands.Parameters
-    ) -> None:
-        wanted = commands.whole(p[0])
-        builder = self._builders.get(commands.REQUESTS.get(message.command, wanted))
-        self._acknowledge(channel, message, Ack.ACCEPTED if builder else Ack.DENIED)
-        if builder is not None:
-            self._send(channel, builder(self._snapshot()))
-
-    def _on_storage(
-        self, channel: Channel, message: mavlink.MAVLink_message, p: commands.Parameters
-    ) -> None:
-        self._acknowledge(channel, message, self._parameters.store(commands.whole(p[0])))
+        for answer in answers:
+            self._send(channel, answer)
 
     def _on_reboot(
         self, channel: Channel, message: mavlink.MAVLink_message, p: commands.Parameters
