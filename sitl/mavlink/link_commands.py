@@ -14,6 +14,10 @@ Builders = Mapping[int, Callable[[Snapshot], Message]]
 Outcome = tuple[Ack, Sequence[Message]]
 """The verdict, and what is to be sent behind it."""
 
+_FOLLOWERS = {
+    mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: (mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION,)
+}
+"""What goes with a message unasked: MAVSDK asks for the stream only 20 s after the camera."""
 _DENIED: Outcome = (Ack.DENIED, ())
 
 
@@ -51,8 +55,10 @@ class LinkCommands:
         return Ack.ACCEPTED, (mavlink.MAVLink_message_interval_message(message_id, interval_us),)
 
     def _request(self, message_id: int, now: Snapshot) -> Outcome:
-        builder = self._builders.get(message_id)
-        return _DENIED if builder is None else (Ack.ACCEPTED, (builder(now),))
+        if message_id not in self._builders:
+            return _DENIED
+        wanted = (message_id, *_FOLLOWERS.get(message_id, ()))
+        return Ack.ACCEPTED, [self._builders[number](now) for number in wanted]
 
     def _store(self, _channel: Channel, p: Parameters, _now: Snapshot) -> Outcome:
         return self._parameters.store(whole(p[0])), ()

@@ -56,8 +56,7 @@ class MavlinkServer:
         self._channels: dict[Client, Channel] = {}
         builders = {message_id: stream.builder for message_id, stream in STREAMS.items()}
         if camera is not None:
-            builders[mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION] = camera.information
-            builders[mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION] = camera.video_stream
+            builders |= camera.builders
         self._link_commands = LinkCommands(builders, self._parameters)
         self._unknown_frames: set[int] = set()
         self._handlers: Mapping[int, Callable[[Channel, mavlink.MAVLink_message], None]] = {

@@ -74,7 +74,7 @@ def test_each_stream_takes_the_rate_it_is_asked_for(make_module_flight, name, ra
     assert flight.interval_us(number) == pytest.approx(1e6 / RATES_HZ[name], abs=1)
 
 
-@pytest.mark.parametrize("name", [*RATES_HZ, "AUTOPILOT_VERSION", "CAMERA_INFORMATION"])
+@pytest.mark.parametrize("name", [*RATES_HZ, "AUTOPILOT_VERSION", "VIDEO_STREAM_STATUS"])
 def test_each_message_can_be_requested(make_module_flight, name):
     flight = make_module_flight()
     flight.client.received()
