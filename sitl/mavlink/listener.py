@@ -33,13 +33,15 @@ class Listener:
         return self._link.url
 
     def fileno(self) -> int:
-        return self._link.fileno()
+        return self._link.socket.fileno()
 
     def receive(self) -> list[mavlink.MAVLink_message]:
         """All that has come since the last call, oldest first; beats when that is due."""
         messages = []
-        while (datagram := self._link.receive()) is not None:
+        while (arrived := self._link.receive()) is not None:
+            client, datagram = arrived
             for frame in framing.split(datagram):
+                client.admit()
                 if _message_id(frame) in self._wanted and (message := framing.decode(frame)):
                     messages.append(message)
         kept = [message for message in messages if self._is_the_autopilots(message)]
@@ -63,7 +65,9 @@ class Listener:
         self._link.close()
 
     def _send(self, message: mavlink.MAVLink_message) -> None:
-        self._link.send(message.pack(self._codec))
+        frame = message.pack(self._codec)
+        for client in self._link.clients:
+            client.send(frame)
         self._codec.seq = (self._codec.seq + 1) % 256
 
     def _is_the_autopilots(self, message: mavlink.MAVLink_message) -> bool:
