@@ -6,6 +6,7 @@ from collections.abc import Collection
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.clock import wall_s
+from companion.kernel.errors import PlanError
 from sitl.mavlink import framing
 from sitl.mavlink.links import UdpLink
 
@@ -21,6 +22,8 @@ class Listener:
     """Keeps the messages of some ids that an autopilot sends. Never blocks."""
 
     def __init__(self, url: str, message_ids: Collection[int]) -> None:
+        if not url.startswith(("udpin://", "udpout://")):
+            raise PlanError(f"{url}: not a UDP link; use udpin://HOST:PORT or udpout://HOST:PORT")
         self._link = UdpLink(url)
         self._wanted = frozenset((*message_ids, mavlink.MAVLINK_MSG_ID_HEARTBEAT))
         self._codec = mavlink.MAVLink(None, SYSTEM_ID, COMPONENT_ID)
