@@ -44,6 +44,14 @@ _STATE_PROPERTIES: Final = (
     "propulsion/thrust-norm[3]",
 )
 
+_RATE_GAINS: Final = (
+    "fcs/roll-rate-p-1_s",
+    "fcs/roll-rate-i-1_s2",
+    "fcs/pitch-rate-p-1_s",
+    "fcs/pitch-rate-i-1_s2",
+    "fcs/yaw-rate-p-1_s",
+)
+
 
 class AirframeState(NamedTuple):
     """Truth. The position is relative to the centre of mass at rest on the floor at the start."""
@@ -106,6 +114,7 @@ class Airframe:
         self._set_push = tuple(
             self._node(f"external_reactions/push/{axis}").set_double_value for axis in "xyz"
         )
+        self._designed_gains = {path: float(fdm[path]) for path in _RATE_GAINS}
         self._run = fdm.run
 
     def _load(self, name: str) -> None:
@@ -191,6 +200,12 @@ class Airframe:
     def set_motor_efficiency(self, rotor: int, efficiency_norm: float) -> None:
         """Thrust that rotor 0..3 still makes, over that of a sound one."""
         self._fdm[f"fault/motor-efficiency[{rotor}]"] = efficiency_norm
+
+    def scale_rate_loops(self, roll: float, pitch: float, yaw: float) -> None:
+        """Makes the inner rate loops this many times as stiff as they were designed."""
+        for path, gain in self._designed_gains.items():
+            axis = path.removeprefix("fcs/").partition("-")[0]
+            self._fdm[path] = gain * {"roll": roll, "pitch": pitch, "yaw": yaw}[axis]
 
     def step(self) -> None:
         """One step of the physics."""

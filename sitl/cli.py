@@ -14,13 +14,16 @@ from typing import Annotated, Any
 import msgspec
 import typer
 
-from companion.kernel.clock import WallClock
+from companion.kernel.clock import WallClock, unix_s
 from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, CompanionError, PlanError
 from companion.kernel.settings import read_toml
 from sitl.build import build, build_follower
-from sitl.mavlink.links import UdpLink
+from sitl.mavlink.camera import CameraDescription
+from sitl.mavlink.links import Link, open_link
+from sitl.mavlink.parameter_file import ParameterFile
 from sitl.mavlink.poses import PoseListener
 from sitl.mavlink.server import MavlinkServer
+from sitl.mavlink.signing import Keyring, read_key
 from sitl.mavlink.tlog import TelemetryLog
 from sitl.parent import Parent, ReadyLine
 from sitl.server import CameraServer, RealTimeServer, follow
@@ -52,8 +55,10 @@ def run(
         list[str] | None,
         typer.Option(
             metavar="URL",
-            help="udpout://HOST:PORT[?local_port=PORT] speaks first, udpin://HOST:PORT waits for "
-            f"clients; may be given many times. [default: {DEFAULT_MAVLINK}]",
+            help="udpout://HOST:PORT[?local_port=PORT] speaks first; udpin://[HOST]:PORT and "
+            "tcpin://[HOST]:PORT wait for clients, of this machine alone without a HOST; "
+            "serial:///dev/DEVICE[:BAUD]; each with ?profile=gcs for a ground station's rates. "
+            f"Several after one option, or many times. [default: {DEFAULT_MAVLINK}]",
         ),
     ] = None,
     camera: Annotated[
@@ -64,6 +69,14 @@ def run(
     seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
     settings: Annotated[
         Path | None, typer.Option(help="The plan's [sitl] table, as a TOML or JSON file.")
+    ] = None,
+    parameters: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Saved parameters: read now, written when asked to."),
+    ] = None,
+    signing_key: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Obey only messages signed with this key."),
     ] = None,
     log_dir: Annotated[
         Path | None, typer.Option(help="Existing folder for flight.tlog, the first link's log.")
@@ -82,13 +95,23 @@ def run(
     """
     stop = _stopped_by_signals()
     with ExitStack() as open_things:
-        links = [_closed_by(open_things, UdpLink(url)) for url in mavlink or [DEFAULT_MAVLINK]]
+        keyring = Keyring(read_key(signing_key), unix_s) if signing_key else None
+        saved = ParameterFile(parameters) if parameters else None
+        links = [_closed_by(open_things, open_link(url)) for url in mavlink or [DEFAULT_MAVLINK]]
         simulation = build(room, _read_settings(settings), seed, camera_rate)
-        log = TelemetryLog(log_dir / "flight.tlog") if log_dir else None
-        vehicle = MavlinkServer(simulation.world.autopilot, links, log, speed)
-        open_things.callback(vehicle.close)
-        frames = CameraServer(camera, simulation.camera.calibration)
+        calibration = simulation.camera.calibration
+        frames = CameraServer(camera, calibration)
         open_things.callback(frames.close)
+        vehicle = MavlinkServer(
+            simulation.world.autopilot,
+            links,
+            TelemetryLog(log_dir / "flight.tlog") if log_dir else None,
+            speed,
+            camera=CameraDescription(calibration, camera_rate, frames.url),
+            keyring=keyring,
+            parameter_file=saved,
+        )
+        open_things.callback(vehicle.close)
         server = RealTimeServer(
             simulation.world, simulation.camera, vehicle, frames, camera_rate, WallClock(speed)
         )
@@ -157,7 +180,7 @@ def _stopped_by_signals() -> threading.Event:
     return stop
 
 
-def _closed_by(stack: ExitStack, link: UdpLink) -> UdpLink:
+def _closed_by(stack: ExitStack, link: Link) -> Link:
     stack.callback(link.close)
     return link
 
@@ -178,10 +201,20 @@ def _read_settings(path: Path | None) -> dict[str, Any]:
     return table
 
 
+def _spread_links(words: Sequence[str]) -> list[str]:
+    """``--mavlink A B`` as ``--mavlink A --mavlink B``; a link is a word with :// in it."""
+    spread: list[str] = []
+    for word in words:
+        if "://" in word and len(spread) > 1 and "://" in spread[-1] and spread[-2] == "--mavlink":
+            spread.append("--mavlink")
+        spread.append(word)
+    return spread
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script; returns the exit code."""
     try:
-        app(sys.argv[1:] if argv is None else list(argv), prog_name="sitl")
+        app(_spread_links(sys.argv[1:] if argv is None else argv), prog_name="sitl")
     except SystemExit as end:  # typer has said what was wrong with the words
         return end.code if isinstance(end.code, int) else EXIT_FAILED
     except CompanionError as error:

@@ -27,7 +27,7 @@ class Faults(Settings, frozen=True):
 def inject(world: "World", faults: Faults) -> float:
     """Does it between two steps; the world's time at which it was done."""
     if faults.wind_ned_m_s is not None:
-        world.airframe.set_wind(faults.wind_ned_m_s)
+        world.set_wind(faults.wind_ned_m_s)
     if faults.charge_norm is not None:
         world.autopilot.set_charge(faults.charge_norm)
     for rotor, efficiency_norm in enumerate(faults.motor_efficiency_norm or ()):

@@ -112,7 +112,6 @@ class RealTimeServer:
     def run(self, stopped: Callable[[], bool]) -> None:
         """Until ``stopped()``; it is asked every few milliseconds."""
         self._camera.expose()  # compiles what is compiled at first use, before time begins
-        links = [channel.link for channel in self._mavlink.channels]
         self._begin_s = wall_s()
         self._ahead_s = self._world.time_s - self._clock.now_s()
         while not stopped():
@@ -120,7 +119,7 @@ class RealTimeServer:
             self._follow_clock()
             late_s = self._target_s() - self._world.time_s
             wait_s = max(SHORTEST_WAIT_S, -late_s / self._clock.speed) if late_s < 0.0 else 0.0
-            select.select(links, [], [], wait_s)
+            select.select(self._mavlink.filenos(), [], [], wait_s)
 
     def _target_s(self) -> float:
         return self._clock.now_s() + self._ahead_s

@@ -59,7 +59,7 @@ class World:
         self._mocap_every = self.whole_steps(MOCAP_HZ, "motion capture rate")
         self._surfaces = surfaces
         self.airframe = Airframe(settings.airframe, settings.physics_hz, room.start_yaw_rad)
-        self.airframe.set_wind(settings.wind_ned_m_s)
+        self._steady_wind_ned_m_s = settings.wind_ned_m_s
         north_m, east_m, floor_m = room.start_position_ned_m
         self.room_from_home_m: Vector3 = (north_m, east_m, floor_m - self.airframe.rest_height_m)
         self._ticks = self._read_ticks = 0
@@ -73,6 +73,7 @@ class World:
             settings.estimator,
             settings.battery,
         )
+        self._apply_parameters()
         self.mocap: deque[MocapPose] = deque(maxlen=_MOCAP_KEPT)
         self._walls, self._floor = ContactCounter(), ContactCounter()
         self._pushed = self._near = False
@@ -139,10 +140,35 @@ class World:
         self.airframe.step()
         self._ticks = ticks + 1
 
+    def set_wind(self, wind_ned_m_s: Vector3) -> None:
+        """Where the air moves to, in addition to what SIH_WIND_* make of it."""
+        self._steady_wind_ned_m_s = wind_ned_m_s
+        self._apply_parameters()
+
     def _control(self) -> None:
+        if self._physical_parameters() != self._physical:
+            self._apply_parameters()
         command = self.autopilot.update(self._read())
         self.airframe.spin(command.spinning)
         self.airframe.command(*command.attitude)
+
+    def _physical_parameters(self) -> tuple[float, float, float, float, float]:
+        values = self.autopilot.parameters
+        return (
+            values["MC_ROLLRATE_K"],
+            values["MC_PITCHRATE_K"],
+            values["MC_YAWRATE_K"],
+            values["SIH_WIND_N"],
+            values["SIH_WIND_E"],
+        )
+
+    def _apply_parameters(self) -> None:
+        """Parameters that act on the airframe and the air. PX4 tells where wind comes from."""
+        self._physical = self._physical_parameters()
+        roll, pitch, yaw, from_north_m_s, from_east_m_s = self._physical
+        self.airframe.scale_rate_loops(roll, pitch, yaw)
+        north_m_s, east_m_s, down_m_s = self._steady_wind_ned_m_s
+        self.airframe.set_wind((north_m_s - from_north_m_s, east_m_s - from_east_m_s, down_m_s))
 
     def _read(self) -> AirframeState:
         """The state of this tick, in coordinates of home; read at most once."""

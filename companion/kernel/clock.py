@@ -44,6 +44,11 @@ async def let_others_run() -> None:
     await asyncio.sleep(0)
 
 
+def unix_s() -> float:
+    """The host's date in seconds since 1970, for what is compared with the dates of others."""
+    return time.time()
+
+
 def wall_s() -> float:
     """Wall time in seconds from an arbitrary origin, for durations that a user waits."""
     return time.perf_counter()

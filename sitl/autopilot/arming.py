@@ -44,6 +44,7 @@ class Arming:
 
 def arming_problems(
     *,
+    allowed: bool,
     estimator_ready: bool,
     battery_ok: bool,
     offboard_without_setpoints: bool,
@@ -52,6 +53,7 @@ def arming_problems(
 ) -> list[str]:
     """Why arming is refused now; empty when it is not."""
     problems = (
+        (not allowed, "not allowed by COM_ARMABLE"),
         (not estimator_ready, "no valid local position estimate"),
         (not battery_ok, "battery too low"),
         (offboard_without_setpoints, "no offboard setpoints"),

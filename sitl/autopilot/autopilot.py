@@ -3,19 +3,21 @@
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
+from companion.kernel.frames import Vector3
 from companion.kernel.messages import FlightMode, LandedState
 from sitl.airframe import AirframeState
-from sitl.autopilot.arming import Arming, arming_problems
+from sitl.autopilot.arming import Arming
 from sitl.autopilot.battery import Battery
-from sitl.autopilot.control import RELAXED, AttitudeCommand
+from sitl.autopilot.control import RELAXED, MotorCommand
 from sitl.autopilot.estimator import Estimator
 from sitl.autopilot.failsafe import Failsafe, Situation
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.ground import GroundState
+from sitl.autopilot.home import FARTHEST_M, Home
 from sitl.autopilot.inputs import Inputs
 from sitl.autopilot.interface import (
     Ack,
@@ -30,18 +32,13 @@ from sitl.autopilot.interface import (
 from sitl.autopilot.parameters import change_parameter, default_parameters
 from sitl.autopilot.plans import Plans
 from sitl.autopilot.reactions import ACTION_MODES, Action
+from sitl.autopilot.readiness import Readiness
+from sitl.autopilot.status import StatusBoard, Verdict
+from sitl.autopilot.vibration import Vibration
 from sitl.settings import BatterySettings, EstimatorSettings
 
 CONTROL_HZ: Final = 50
-_UPRIGHT_RAD: Final = math.radians(60.0)  # to be armed
 _TEXTS_KEPT: Final = 500  # while no link takes them; then the oldest go
-
-
-class MotorCommand(NamedTuple):
-    """For the airframe: whether the rotors are powered, and what its inner loops fly."""
-
-    spinning: bool
-    attitude: AttitudeCommand
 
 
 class Autopilot:
@@ -62,19 +59,25 @@ class Autopilot:
         self.parameters = default_parameters()
         self._now_s = now_s
         self._estimator = Estimator(estimator, CONTROL_HZ, rng)
-        self._battery = Battery(battery)
-        self.plans = Plans(self.parameters)
+        self.estimate: Estimate = self._estimator.update(start)
+        self._home = Home(self.estimate.yaw_rad)
+        self._battery = Battery(battery, self.parameters)
+        self.plans = Plans(self.parameters, self._home)
         self._inputs = Inputs(self.parameters, now_s)
         self._flight = Flight(
             self.parameters, hover_thrust_norm, CONTROL_HZ, self._inputs, self.plans
         )
+        self._readiness = Readiness(self.parameters, self._battery, self._inputs, self.plans)
         self._arming = Arming(self.parameters)
         self._failsafe = Failsafe(self.parameters, self._inputs)
         self._texts: deque[StatusText] = deque(maxlen=_TEXTS_KEPT)
         self._ready = False
         self._intended = FlightMode.HOLD
         self._motors_norm = start.motors_norm
-        self.estimate: Estimate = self._estimator.update(start)
+        self._vibration = Vibration()
+        self._board = StatusBoard(
+            self._flight, self._battery, self.plans, self._home, self._vibration
+        )
 
     @property
     def airborne(self) -> bool:
@@ -88,26 +91,14 @@ class Autopilot:
 
     @property
     def status(self) -> VehicleStatus:
-        flight, command = self._flight, self._flight.command
-        return VehicleStatus(
+        verdict = Verdict(
             armed=self._arming.armed,
             mode=self._mode_now(),
-            landed_state=flight.landed_state,
+            intended_mode=self._intended,
             ready_to_arm=self._ready,
             failsafe=self._failsafe.active,
-            battery_voltage_v=self._battery.voltage_v,
-            battery_current_a=self._battery.current_a,
-            battery_norm=self._battery.charge_norm,
-            motors_norm=self._motors_norm,
-            position_setpoint_ned_m=flight.goal.position_ned_m,
-            velocity_setpoint_ned_m_s=flight.controller.velocity_setpoint_ned_m_s,
-            yaw_setpoint_rad=flight.controller.yaw_setpoint_rad,
-            thrust_norm=command.thrust_norm,
-            roll_setpoint_rad=command.roll_rad,
-            pitch_setpoint_rad=command.pitch_rad,
-            yaw_rate_setpoint_rad_s=command.yaw_rate_rad_s,
-            mission=self.plans.mission.progress(self._mode_now() is FlightMode.MISSION),
         )
+        return self._board.status(verdict, self._motors_norm)
 
     def set_parameter(self, name: str, value: float) -> bool:
         return change_parameter(self.parameters, name, value)
@@ -144,6 +135,9 @@ class Autopilot:
         wanted_m = self.parameters["MIS_TAKEOFF_ALT"] if math.isnan(height_m) else height_m
         if not 0.0 < wanted_m < math.inf:
             return Ack.DENIED
+        again = wanted_m == self._flight.take_off_height_m and self._intended is FlightMode.TAKEOFF
+        if again and self._failsafe.action <= Action.WARN:
+            return Ack.ACCEPTED
         if self.airborne:
             return self._refuse(FlightMode.TAKEOFF)
         self._flight.take_off_height_m = wanted_m
@@ -159,7 +153,12 @@ class Autopilot:
             return self.land()
         if mode is FlightMode.TAKEOFF:
             return self.take_off()
-        return self._intend(mode) if self._available(mode) else self._refuse(mode)
+        if self._readiness.available(mode, self._arming.armed):
+            return self._intend(mode)
+        problem = self._readiness.mission_problem() if mode is FlightMode.MISSION else None
+        if problem is not None:
+            self.announce(Severity.CRITICAL, problem)
+        return self._refuse(mode)
 
     def set_offboard_setpoint(self, setpoint: OffboardSetpoint | AttitudeSetpoint) -> None:
         self._inputs.take_setpoint(setpoint)
@@ -173,6 +172,33 @@ class Autopilot:
     def announce(self, severity: Severity, text: str) -> None:
         self._texts.append(StatusText(self._now_s(), severity, text))
 
+    def reposition(self, position_ned_m: Vector3, yaw_rad: float, speed_m_s: float) -> Ack:
+        if math.isinf(yaw_rad) or any(abs(place) > FARTHEST_M for place in position_ned_m):
+            return Ack.DENIED
+        if not self.airborne:
+            return self._refuse(FlightMode.HOLD)
+        self._flight.reposition(position_ned_m, yaw_rad, speed_m_s)
+        return self._intend(FlightMode.HOLD)
+
+    def change_speed(self, speed_m_s: float) -> Ack:
+        self._flight.cruise_m_s = speed_m_s
+        return Ack.ACCEPTED
+
+    def set_home(self, position_ned_m: Vector3 | None) -> Ack:
+        place = self.estimate.position_ned_m if position_ned_m is None else position_ned_m
+        known, yaw_rad = self._estimator.ready(self.estimate.time_s), self.estimate.yaw_rad
+        return Ack.ACCEPTED if known and self._home.move(place, yaw_rad) else Ack.DENIED
+
+    def reboot(self) -> Ack:
+        if self._arming.armed:
+            self.announce(Severity.CRITICAL, "Reboot denied: armed")
+            return Ack.TEMPORARILY_REJECTED
+        self._texts.clear()
+        self._estimator.restart(self._now_s())
+        self._inputs.forget()
+        self._ready, self._intended = False, FlightMode.HOLD
+        return Ack.ACCEPTED
+
     def terminate(self, reason: str) -> None:
         """Motors off at once, wherever the vehicle is."""
         if self._arming.armed:
@@ -184,6 +210,7 @@ class Autopilot:
     def update(self, truth: AirframeState) -> MotorCommand:
         """One step of everything; ``truth`` is what the sensors are made from."""
         self.estimate = estimate = self._estimator.update(truth)
+        self._vibration.update(estimate)
         self._motors_norm = truth.motors_norm
         self._battery.update(truth.motors_norm, 1.0 / CONTROL_HZ)
         if self._arming.armed:
@@ -218,8 +245,7 @@ class Autopilot:
         elif ground.standing and before is not GroundState.STANDING:
             self._arming.touched_ground(estimate.time_s)
             self.announce(Severity.INFO, "Landing detected")
-        reason = self._arming.reason_to_disarm(estimate.time_s, ground.standing)
-        if reason is not None:
+        if reason := self._arming.reason_to_disarm(estimate.time_s, ground.standing):
             self._stop_motors(reason)
 
     def _watch(self, estimate: Estimate) -> None:
@@ -229,8 +255,7 @@ class Autopilot:
         causes = self._failsafe.update(
             Situation(self._intended, estimate, self._battery.charge_norm, inside)
         )
-        words = self._failsafe.words(before)
-        if words is not None:
+        if (words := self._failsafe.words(before)) is not None:
             self.announce(Severity.CRITICAL, words)
         for cause in causes:
             self.announce(Severity.WARNING, cause)
@@ -243,38 +268,9 @@ class Autopilot:
         """The commanded mode, unless a failsafe has taken over."""
         return ACTION_MODES.get(self._failsafe.action, self._intended)
 
-    def _available(self, mode: FlightMode) -> bool:
-        """Whether this mode can be flown now; take-off and landing say so themselves."""
-        if mode is FlightMode.OFFBOARD:
-            return not (self._arming.armed and self._inputs.setpoints_lost)
-        if mode is FlightMode.POSITION:
-            return not self._inputs.sticks_lost
-        if mode is FlightMode.MISSION:
-            return self._mission_flyable()
-        return mode in (FlightMode.HOLD, FlightMode.RTL)
-
-    def _mission_flyable(self) -> bool:
-        """A fence or parameter may have come after the mission that it forbids."""
-        items = self.plans.mission.items
-        problem = self.plans.problem(items)
-        if problem is not None:
-            self.announce(Severity.CRITICAL, f"Mission item {problem.item}: {problem.text}")
-        return bool(items) and problem is None
-
-    def _upright(self) -> bool:
-        return max(abs(self.estimate.roll_rad), abs(self.estimate.pitch_rad)) < _UPRIGHT_RAD
-
     def _arming_problems(self) -> list[str]:
-        offboard, inputs = self._intended is FlightMode.OFFBOARD, self._inputs
-        return arming_problems(
-            estimator_ready=self._estimator.ready(self.estimate.time_s),
-            battery_ok=self._battery.charge_norm > self.parameters["BAT_CRIT_THR"],
-            offboard_without_setpoints=offboard and inputs.setpoints_lost,
-            upright=self._upright(),
-            ground_station_missed=(
-                self.parameters["NAV_DLL_ACT"] > 0 and inputs.ground_station_lost
-            ),
-        )
+        ready = self._estimator.ready(self.estimate.time_s)
+        return self._readiness.arming_problems(self._intended, self.estimate, ready)
 
     # -- changes of state ----------------------------------------------------------------------
 

@@ -1,14 +1,13 @@
-"""State of charge and voltage of a three-cell lithium-polymer pack."""
+"""State of charge and voltage of a lithium-polymer pack."""
 
 from typing import Final
 
+from sitl.autopilot.parameters import Number
 from sitl.settings import BatterySettings
 
-_CELLS: Final = 3
 # Open-circuit voltage of a cell over its state of charge: typical lithium-polymer discharge curve.
 _CHARGE_NORM: Final = (0.0, 0.05, 0.1, 0.2, 0.5, 0.8, 1.0)
 _CELL_V: Final = (3.20, 3.50, 3.62, 3.70, 3.80, 3.98, 4.18)
-_RESISTANCE_OHM: Final = 0.06  # of the pack with its cable; estimate
 # 12 min of flight from 1 Ah at 0.42 kg (Parrot) is 5 A, of which the boards draw 0.4 A; the power
 # of a rotor grows with its thrust to 3/2 (momentum theory), and 0.42 kg are 0.507 of the greatest.
 _BOARDS_A: Final = 0.4
@@ -16,12 +15,21 @@ _ROTOR_A: Final = 4.6 / 4.0 / 0.507**1.5
 
 
 class Battery:
-    def __init__(self, settings: BatterySettings) -> None:
+    """BAT1_R_INTERNAL is of the whole pack with its cable."""
+
+    def __init__(self, settings: BatterySettings, parameters: dict[str, Number]) -> None:
+        self._parameters = parameters
         self._capacity_as = settings.capacity_mah * 3.6
         self.charge_norm = settings.charge_norm
         self.current_a = _BOARDS_A
         self.voltage_v = 0.0
         self.update((0.0, 0.0, 0.0, 0.0), 0.0)
+
+    @property
+    def enough_to_arm(self) -> bool:
+        """By COM_ARM_BAT_MIN; if that is negative, by the critical level."""
+        minimum = self._parameters["COM_ARM_BAT_MIN"]
+        return self.charge_norm > (minimum if minimum >= 0.0 else self._parameters["BAT_CRIT_THR"])
 
     def update(self, motors_norm: tuple[float, float, float, float], step_s: float) -> None:
         """Draws what rotors at these shares of their greatest thrust need for ``step_s``."""
@@ -29,9 +37,11 @@ class Battery:
         rotors = a * a**0.5 + b * b**0.5 + c * c**0.5 + d * d**0.5
         self.current_a = _BOARDS_A + _ROTOR_A * rotors
         drained = self.current_a * step_s / self._capacity_as
-        self.charge_norm = max(0.0, self.charge_norm - drained)
+        least = min(self.charge_norm, self._parameters["SIM_BAT_MIN_PCT"] * 0.01)
+        self.charge_norm = max(least, self.charge_norm - drained)
         self.voltage_v = (
-            _CELLS * _open_circuit_v(self.charge_norm) - self.current_a * _RESISTANCE_OHM
+            self._parameters["BAT1_N_CELLS"] * _open_circuit_v(self.charge_norm)
+            - self.current_a * self._parameters["BAT1_R_INTERNAL"]
         )
 
 

@@ -15,12 +15,9 @@ from sitl.autopilot.interface import NAN3, Estimate
 from sitl.autopilot.parameters import Number
 from sitl.autopilot.smoothing import SmoothSpeed, SmoothVelocity2
 
-_THRUST_MIN_NORM: Final = 0.12  # PX4's MPC_THR_MIN: below it the attitude is lost
-_THRUST_MAX_NORM: Final = 0.9  # leaves the mixer room to tilt
 _DRAG_1_S: Final = 0.54  # 0.25 N s/m over 0.46 kg (aerodynamics.xml): known, so fed forward
 _TILT_LAG_S: Final = 0.15  # from a wanted acceleration to the tilt that gives it (airframe's loops)
 _JERK_VERTICAL_M_S3: Final = 15.0
-_YAW_ACCELERATION_RAD_S2: Final = 4.0
 _YAW_JERK_RAD_S3: Final = 40.0
 _LEVEL_INTEGRAL_LIMIT_M_S2: Final = 2.0  # of wind; a wall it leans on must not wind it up more
 _DOWN_INTEGRAL_LIMIT_M_S2: Final = 4.0  # of a battery or rotor that gives less than expected
@@ -55,6 +52,13 @@ class AttitudeCommand(NamedTuple):
     roll_rate_rad_s: float = NAN
     """With ``pitch_rate_rad_s`` flown instead of the angles, unless NaN."""
     pitch_rate_rad_s: float = NAN
+
+
+class MotorCommand(NamedTuple):
+    """For the airframe: whether the rotors are powered, and what its inner loops fly."""
+
+    spinning: bool
+    attitude: AttitudeCommand
 
 
 RELAXED: Final = AttitudeCommand(0.0, 0.0, 0.0, 0.0)
@@ -179,30 +183,32 @@ class Controller:
     def _yaw_rate(self, goal: Goal, estimate: Estimate) -> float:
         """A turn at a rate is flown as a rate; the heading it ends at is then kept."""
         turn, wanted = self._turn, goal.yaw_rate_rad_s
-        limit = math.radians(self._parameters["MPC_YAWRAUTO_MAX"])
+        parameters = self._parameters
+        limit = math.radians(min(parameters["MPC_YAWRAUTO_MAX"], parameters["MC_YAWRATE_MAX"]))
+        acceleration = math.radians(parameters["MPC_YAWRAUTO_ACC"])
         if wanted != wanted:
             wanted = 0.0
         wanted = max(-limit, min(limit, wanted))
-        turn.step(wanted, _YAW_ACCELERATION_RAD_S2, _YAW_ACCELERATION_RAD_S2, _YAW_JERK_RAD_S3)
+        turn.step(wanted, acceleration, acceleration, _YAW_JERK_RAD_S3)
         if goal.yaw_rad == goal.yaw_rad:
             self.yaw_setpoint_rad = goal.yaw_rad
         elif wanted != 0.0 or abs(turn.speed) > _HEADING_LATCH_RAD_S:
             self.yaw_setpoint_rad = estimate.yaw_rad
             return turn.speed
         error = wrap_angle_rad(self.yaw_setpoint_rad - estimate.yaw_rad)
-        return max(-limit, min(limit, turn.speed + self._parameters["MC_YAW_P"] * error))
+        return max(-limit, min(limit, turn.speed + parameters["MC_YAW_P"] * error))
 
     def _attitude(
         self, north: float, east: float, down: float, yaw_rad: float, yaw_rate_rad_s: float
     ) -> AttitudeCommand:
         """Points the thrust along the wanted acceleration minus gravity, within the limits."""
-        lift = GRAVITY_M_S2 - down
-        lowest = _THRUST_MIN_NORM / self._thrust_per_m_s2
-        lift = max(lowest, min(_THRUST_MAX_NORM / self._thrust_per_m_s2, lift))
+        parameters, lift = self._parameters, GRAVITY_M_S2 - down
+        lowest = parameters["MPC_THR_MIN"] / self._thrust_per_m_s2
+        lift = max(lowest, min(parameters["MPC_THR_MAX"] / self._thrust_per_m_s2, lift))
         cos_yaw, sin_yaw = math.cos(yaw_rad), math.sin(yaw_rad)
         forward, right = cos_yaw * north + sin_yaw * east, cos_yaw * east - sin_yaw * north
         level = math.sqrt(forward * forward + right * right)
-        allowed = lift * math.tan(math.radians(self._parameters["MPC_TILTMAX_AIR"]))
+        allowed = lift * math.tan(math.radians(parameters["MPC_TILTMAX_AIR"]))
         if level > allowed:
             forward, right = forward * allowed / level, right * allowed / level
         force = math.sqrt(forward * forward + right * right + lift * lift)
@@ -210,7 +216,7 @@ class Controller:
             math.asin(right / force),
             -math.atan2(forward, lift),
             yaw_rate_rad_s,
-            min(_THRUST_MAX_NORM, force * self._thrust_per_m_s2),
+            min(parameters["MPC_THR_MAX"], force * self._thrust_per_m_s2),
         )
 
 

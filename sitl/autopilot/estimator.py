@@ -48,10 +48,15 @@ class Estimator:
         self._yaw = _Wander(*yaw, step_s)
         self._drift_north_m = 0.0
         self._drift_east_m = 0.0
+        self._start_s = 0.0
+
+    def restart(self, time_s: float) -> None:
+        """Begins to settle again; local positions still count from the first start."""
+        self._start_s = time_s
 
     def ready(self, time_s: float) -> bool:
         """Whether the estimate may be flown on: it needs some seconds at rest after boot."""
-        return time_s >= self._settings.ready_after_s
+        return time_s - self._start_s >= self._settings.ready_after_s
 
     def update(self, truth: AirframeState) -> Estimate:
         """The estimate of one moment; to be called at the rate given at the start."""

@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from companion.kernel.frames import Vector3
 from companion.kernel.messages import NAN, FlightMode, LandedState
 from sitl.autopilot.attitude import attitude_command
 from sitl.autopilot.control import RELAXED, AttitudeCommand, Controller, Goal
@@ -10,14 +11,12 @@ from sitl.autopilot.inputs import Inputs
 from sitl.autopilot.interface import NAN3, AttitudeSetpoint, Estimate, OffboardSetpoint
 from sitl.autopilot.manual import Position
 from sitl.autopilot.mission_flight import FlyMission
-from sitl.autopilot.modes import Hold, Land, Mode, Offboard, TakeOff
+from sitl.autopilot.modes import GoTo, Hold, Land, Mode, Offboard, TakeOff
 from sitl.autopilot.parameters import Number
 from sitl.autopilot.plans import Plans
 from sitl.autopilot.returning import Return
 
-_HOME_NED_M: Final = (0.0, 0.0, 0.0)
 _SINKS_M_S: Final = 1.0  # what less thrust than the weight is taken to mean, without a controller
-_LIFT_RAMP_S: Final = 1.0  # lift grows over this time at take-off (PX4's MPC_TKO_RAMP_T is 3 s)
 
 
 class Flight:
@@ -36,9 +35,11 @@ class Flight:
         self._plans = plans
         self._hover_norm = hover_thrust_norm
         self.controller = Controller(parameters, hover_thrust_norm, update_hz)
-        self.ground = GroundDetector(update_hz)
+        self.ground = GroundDetector(parameters, update_hz)
         self.take_off_height_m = NAN
         """What the next take-off climbs to."""
+        self.cruise_m_s = NAN
+        """On the way to a place; NaN for MPC_XY_CRUISE."""
         self.stop()
 
     def stop(self) -> None:
@@ -72,6 +73,17 @@ class Flight:
             return LandedState.TAKING_OFF if leg.low else LandedState.IN_AIR
         return LandedState.LANDING if isinstance(leg, Land) else LandedState.IN_AIR
 
+    def reposition(self, position_ned_m: Vector3, yaw_rad: float, speed_m_s: float) -> None:
+        """Holds there from now on; axes of NaN stay where the vehicle comes to rest."""
+        if speed_m_s == speed_m_s:  # not NaN
+            self.cruise_m_s = speed_m_s
+        self._mode = GoTo(position_ned_m, self._cruise_m_s, yaw_rad)
+        self._flown = FlightMode.HOLD
+
+    def _cruise_m_s(self) -> float:
+        asked = self.cruise_m_s == self.cruise_m_s  # not NaN
+        return self.cruise_m_s if asked else self._parameters["MPC_XY_CRUISE"]
+
     def feel_ground(self, estimate: Estimate) -> None:
         lift_norm = self.command.thrust_norm / self._hover_norm
         descent_m_s = self.controller.descent_setpoint_m_s
@@ -102,9 +114,10 @@ class Flight:
             self.controller.reset(estimate)
             return RELAXED
         self.goal = self._mode.goal(estimate) if attitude is None else Goal()
-        if ground.state is GroundState.LIFTING_OFF and ground.time_in_state_s < _LIFT_RAMP_S:
+        ramp_s = self._parameters["MPC_TKO_RAMP_T"]
+        if ground.state is GroundState.LIFTING_OFF and ground.time_in_state_s < ramp_s:
             self.controller.reset(estimate)
-            lift_norm = ground.time_in_state_s / _LIFT_RAMP_S
+            lift_norm = ground.time_in_state_s / ramp_s
             return AttitudeCommand(0.0, 0.0, 0.0, self._hover_norm * lift_norm)
         if attitude is not None:
             self.controller.reset(estimate)
@@ -132,7 +145,7 @@ class Flight:
         if mode is FlightMode.MISSION:
             return FlyMission(self._plans.mission, self.ground, parameters)
         if mode is FlightMode.RTL:
-            places = (_HOME_NED_M, *self._plans.rally_ned_m)
+            places = (self._plans.home.position_ned_m, *self._plans.rally_ned_m)
             return Return(estimate, places, lambda: parameters["MPC_XY_CRUISE"], parameters)
         return Hold(self.goal.position_ned_m if self.next_mode is FlightMode.HOLD else NAN3)
 

@@ -15,6 +15,10 @@ class Inputs:
     def __init__(self, parameters: dict[str, Number], now_s: Callable[[], float]) -> None:
         self._parameters = parameters
         self._now_s = now_s
+        self.forget()
+
+    def forget(self) -> None:
+        """As if nothing had come yet."""
         self.setpoint: OffboardSetpoint | AttitudeSetpoint = OffboardSetpoint()
         """What offboard mode flies."""
         self.sticks = CENTRED

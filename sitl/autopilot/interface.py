@@ -106,6 +106,12 @@ class VehicleStatus(NamedTuple):
     pitch_setpoint_rad: float
     yaw_rate_setpoint_rad_s: float
     mission: MissionProgress
+    intended_mode: FlightMode
+    """That was commanded; a failsafe may fly another."""
+    home_ned_m: Vector3
+    home_yaw_rad: float
+    gyro_vibration_rad_s: float
+    acceleration_vibration_m_s2: float
 
 
 class AutopilotPort(Protocol):
@@ -157,6 +163,22 @@ class AutopilotPort(Protocol):
 
     def announce(self, severity: Severity, text: str) -> None:
         """Says something as a status text."""
+        ...
+
+    def reposition(self, position_ned_m: Vector3, yaw_rad: float, speed_m_s: float) -> Ack:
+        """Flies there and holds. NaN: the height or place of now, nose ahead, change_speed's."""
+        ...
+
+    def change_speed(self, speed_m_s: float) -> Ack:
+        """Over ground, on the way to a place; NaN goes back to MPC_XY_CRUISE."""
+        ...
+
+    def set_home(self, position_ned_m: Vector3 | None) -> Ack:
+        """None for where the vehicle is now."""
+        ...
+
+    def reboot(self) -> Ack:
+        """Starts over with the parameters of now; time goes on."""
         ...
 
     def drain_status_texts(self) -> list[StatusText]:

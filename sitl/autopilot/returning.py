@@ -24,13 +24,13 @@ class Return(Mode):
         speed_m_s: Callable[[], float],
         parameters: dict[str, Number],
     ) -> None:
-        """``places_ned_m`` holds home and the rally points; the nearest is taken."""
+        """``places_ned_m`` holds home first and the rally points; the nearest is taken."""
         here = estimate.position_ned_m
         self._parameters = parameters
         self._speed_m_s = speed_m_s
         self._place = min(places_ned_m, key=lambda place: math.dist(place[:2], here[:2]))
         self._waits_since_s = math.nan
-        down_m = min(here[2], -parameters["RTL_RETURN_ALT"])
+        down_m = min(here[2], places_ned_m[0][2] - parameters["RTL_RETURN_ALT"])
         north_m, east_m, _ = self._place
         climb = GoTo((here[0], here[1], down_m), speed_m_s, estimate.yaw_rad)
         back = GoTo((north_m, east_m, down_m), speed_m_s)

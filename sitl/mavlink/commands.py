@@ -1,33 +1,83 @@
-"""COMMAND_LONG and COMMAND_INT for the autopilot; those about messages are the server's."""
+"""COMMAND_LONG and COMMAND_INT for the autopilot; those about messages are the server's.
+
+A command that comes again, because its answer was lost or the network doubled it, finds its wish
+fulfilled and is accepted again.
+"""
 
 import math
 from collections.abc import Callable, Mapping
+from typing import Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.kernel.messages import FlightMode
+from companion.kernel.frames import Vector3
+from companion.kernel.messages import NAN, FlightMode
 from sitl.autopilot.interface import Ack, AutopilotPort
 from sitl.mavlink.modes import requested_mode
+from sitl.mavlink.places import degrees_from_ned, level_from_degrees
 from sitl.mavlink.snapshot import HOME_AMSL_M
 
 Parameters = tuple[float, float, float, float, float, float, float]
-"""param1 to param7 of COMMAND_LONG, or param1 to param4, x, y, z of COMMAND_INT."""
+"""param1 to param7 of COMMAND_LONG, or param1 to param4, x, y, z of COMMAND_INT; of a command with
+a place latitude and longitude in degrees and height above sea level, in whatever frame it came."""
 
-_FORCE = 21196.0
+_FORCE: Final = 21196.0
 """MAVLink's magic number in param2 of COMPONENT_ARM_DISARM."""
+_UNSET: Final = 2**31 - 1
+"""Stands for NaN in x and y of COMMAND_INT."""
+
+_RELATIVE: Final = {
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+}
+_WITH_PLACE: Final = {
+    mavlink.MAV_CMD_NAV_TAKEOFF,
+    mavlink.MAV_CMD_DO_REPOSITION,
+    mavlink.MAV_CMD_DO_SET_HOME,
+}
+
+REQUESTS: Final[Mapping[int, int]] = {
+    mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
+    mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION: mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION,
+    mavlink.MAV_CMD_REQUEST_VIDEO_STREAM_INFORMATION: (
+        mavlink.MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION
+    ),
+    mavlink.MAV_CMD_GET_HOME_POSITION: mavlink.MAVLINK_MSG_ID_HOME_POSITION,
+}
+"""Older commands that ask for one message, and which."""
 
 
 def parameters_of(message: mavlink.MAVLink_message) -> Parameters:
     m = message
     first = (m.param1, m.param2, m.param3, m.param4)
-    if message.get_msgId() == mavlink.MAVLINK_MSG_ID_COMMAND_INT:
+    if message.get_msgId() != mavlink.MAVLINK_MSG_ID_COMMAND_INT:
+        return (*first, m.param5, m.param6, m.param7)
+    if m.command not in _WITH_PLACE:
         return (*first, m.x, m.y, m.z)
-    return (*first, m.param5, m.param6, m.param7)
+    return (*first, *_place(m.frame, m.x, m.y, m.z))
+
+
+def whole(number: float) -> int:
+    """What a float parameter says that stands for an id or a choice; -1 if it says nothing."""
+    return round(number) if math.isfinite(number) else -1
 
 
 def execute(autopilot: AutopilotPort, command: int, parameters: Parameters) -> Ack:
     handler = _HANDLERS.get(command)
     return Ack.UNSUPPORTED if handler is None else handler(autopilot, parameters)
+
+
+def _place(frame: int, x: int, y: int, z: float) -> tuple[float, float, float]:
+    """(latitude, longitude, height above sea level). Relative heights count from the start."""
+    if frame == mavlink.MAV_FRAME_LOCAL_NED:
+        north_m, east_m = (NAN if value == _UNSET else value * 1e-4 for value in (x, y))
+        return (*degrees_from_ned((north_m, east_m, z)), HOME_AMSL_M - z)
+    latitude, longitude = (NAN if value == _UNSET else value * 1e-7 for value in (x, y))
+    return latitude, longitude, z + HOME_AMSL_M if frame in _RELATIVE else z
+
+
+def _position_ned_m(p: Parameters) -> Vector3:
+    return (*level_from_degrees(p[4], p[5]), HOME_AMSL_M - p[6])
 
 
 def _arm_or_disarm(autopilot: AutopilotPort, p: Parameters) -> Ack:
@@ -74,6 +124,33 @@ def _set_mission_item(autopilot: AutopilotPort, p: Parameters) -> Ack:
     return Ack.ACCEPTED if known else Ack.DENIED
 
 
+def _reposition(autopilot: AutopilotPort, p: Parameters) -> Ack:
+    """param1: speed, or -1; param2: bit 0 leaves the mode of now for it; param4: heading."""
+    change_mode = bool(max(0, whole(p[1])) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
+    if not (change_mode or autopilot.status.mode is FlightMode.HOLD):
+        return Ack.DENIED
+    return autopilot.reposition(_position_ned_m(p), p[3], p[0] if p[0] > 0.0 else NAN)
+
+
+def _change_speed(autopilot: AutopilotPort, p: Parameters) -> Ack:
+    """Speed over ground (or through air, which stands still): -1 no change, -2 the default."""
+    no_change, default = -1.0, -2.0
+    level = whole(p[0]) in {mavlink.SPEED_TYPE_AIRSPEED, mavlink.SPEED_TYPE_GROUNDSPEED}
+    if not level or not (p[1] > 0.0 or p[1] in {no_change, default}):
+        return Ack.DENIED
+    return Ack.ACCEPTED if p[1] == no_change else autopilot.change_speed(max(p[1], 0.0) or NAN)
+
+
+def _set_home(autopilot: AutopilotPort, p: Parameters) -> Ack:
+    here = p[0] == 1.0
+    return autopilot.set_home(None if here else _position_ned_m(p))
+
+
+def _no_actuator(_autopilot: AutopilotPort, _: Parameters) -> Ack:
+    """Nothing but the rotors moves on this vehicle."""
+    return Ack.DENIED
+
+
 _HANDLERS: Mapping[int, Callable[[AutopilotPort, Parameters], Ack]] = {
     mavlink.MAV_CMD_COMPONENT_ARM_DISARM: _arm_or_disarm,
     mavlink.MAV_CMD_NAV_TAKEOFF: _take_off,
@@ -83,4 +160,8 @@ _HANDLERS: Mapping[int, Callable[[AutopilotPort, Parameters], Ack]] = {
     mavlink.MAV_CMD_DO_SET_MODE: _set_mode,
     mavlink.MAV_CMD_MISSION_START: _start_mission,
     mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: _set_mission_item,
+    mavlink.MAV_CMD_DO_REPOSITION: _reposition,
+    mavlink.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
+    mavlink.MAV_CMD_DO_SET_HOME: _set_home,
+    mavlink.MAV_CMD_DO_SET_ACTUATOR: _no_actuator,
 }

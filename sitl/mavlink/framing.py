@@ -1,41 +1,74 @@
-"""Frames of MAVLink 2 on the wire: encoded once, numbered for each link, found in datagrams."""
+"""Frames of MAVLink on the wire: encoded once, packed for each client, found among other bytes."""
 
+import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
-SYSTEM_ID = 1
-COMPONENT_ID = mavlink.MAV_COMP_ID_AUTOPILOT1
+_MAGIC_1, _MAGIC_2 = mavlink.PROTOCOL_MARKER_V1, mavlink.PROTOCOL_MARKER_V2
+_MAGIC = re.compile(bytes((ord("["), _MAGIC_1, _MAGIC_2, ord("]"))))
+_SIGNED = mavlink.MAVLINK_IFLAG_SIGNED
+_V1_HEADER_BYTES = 6
+_V2_HEADER_BYTES = 10
+_CHECKSUM_BYTES = 2
+SIGNATURE_BYTES = 13
 
-_SEQUENCE_AT = 4
-_SIGNED = 1
-_V1_OVERHEAD_BYTES = 8
-_V2_OVERHEAD_BYTES = 12
-_SIGNATURE_BYTES = 13
 
-_codec = mavlink.MAVLink(None, SYSTEM_ID, COMPONENT_ID)
+class Source(NamedTuple):
+    """Who sends."""
+
+    system_id: int = 1
+    component_id: int = mavlink.MAV_COMP_ID_AUTOPILOT1
 
 
 class Frame(NamedTuple):
-    """A packed message with sequence number 0."""
+    """An encoded message that nobody has sent yet; the payload is MAVLink 2's, zeros cut off."""
 
-    packed: bytes
+    message_id: int
+    payload: bytes
     crc_extra: int
 
-    def numbered(self, sequence: int) -> bytes:
-        """The same frame with this link's sequence number; MAVLink counts gaps as losses."""
-        if sequence == 0:
-            return self.packed
-        frame = bytearray(self.packed)
-        frame[_SEQUENCE_AT] = sequence
-        crc = mavlink.x25crc(frame[1:-2] + bytes((self.crc_extra,))).crc
-        frame[-2:] = crc.to_bytes(2, "little")
-        return bytes(frame)
+    def packed(self, sequence: int, source: Source, *, signed: bool = False) -> bytes:
+        """As MAVLink 2; a ``signed`` frame still lacks its signature."""
+        flags = _SIGNED if signed else 0
+        header = bytes((_MAGIC_2, len(self.payload), flags, 0, sequence, *source))
+        return self._checked(header + self.message_id.to_bytes(3, "little") + self.payload)
+
+    def packed_v1(self, sequence: int, source: Source) -> bytes | None:
+        """As MAVLink 1, without extension fields; None for a message that it does not have."""
+        known = mavlink1.mavlink_map.get(self.message_id)
+        if known is None:
+            return None
+        payload = self.payload[: known.unpacker.size].ljust(known.unpacker.size, b"\0")
+        header = bytes((_MAGIC_1, len(payload), sequence, *source, self.message_id))
+        return self._checked(header + payload)
+
+    def _checked(self, frame: bytes) -> bytes:
+        crc: int = mavlink.x25crc(frame[1:] + bytes((self.crc_extra,))).crc
+        return frame + crc.to_bytes(_CHECKSUM_BYTES, "little")
+
+
+class Received(NamedTuple):
+    frame: bytes
+    message: mavlink.MAVLink_message
+
+    @property
+    def version(self) -> int:
+        return 1 if self.frame[0] == _MAGIC_1 else 2
+
+    @property
+    def signed(self) -> bool:
+        return self.version == 2 and bool(self.frame[2] & _SIGNED)
+
+
+_codec = mavlink.MAVLink(None)
 
 
 def encode(message: mavlink.MAVLink_message) -> Frame:
-    return Frame(message.pack(_codec), message.crc_extra)
+    message.pack(_codec)
+    return Frame(message.get_msgId(), bytes(message.get_payload()), message.crc_extra)
 
 
 def decode(frame: bytes) -> mavlink.MAVLink_message | None:
@@ -47,24 +80,52 @@ def decode(frame: bytes) -> mavlink.MAVLink_message | None:
     return None if message.get_msgId() not in mavlink.mavlink_map else message
 
 
-def split(datagram: bytes) -> Iterator[bytes]:
-    """The frames of a datagram; bytes that belong to none are skipped."""
-    start = 0
-    while start + _V1_OVERHEAD_BYTES <= len(datagram):
-        length = frame_bytes(datagram, start)
-        if length and start + length <= len(datagram):
-            yield datagram[start : start + length]
-            start += length
-        else:
-            start += 1
+class Splitter:
+    """Finds the sound frames among what one client sends; all other bytes are skipped.
 
-
-def frame_bytes(datagram: bytes, start: int) -> int:
-    """Length that a frame starting here would have; 0 where none starts. Raises ValueError within
-    three bytes of the end.
+    In a ``stream`` a frame may come in pieces; a datagram holds whole frames.
     """
-    magic, payload_bytes, flags = datagram[start : start + 3]
-    if magic == mavlink.PROTOCOL_MARKER_V2:
-        signature = _SIGNATURE_BYTES if flags & _SIGNED else 0
-        return payload_bytes + _V2_OVERHEAD_BYTES + signature
-    return payload_bytes + _V1_OVERHEAD_BYTES if magic == mavlink.PROTOCOL_MARKER_V1 else 0
+
+    def __init__(self, stream: bool) -> None:
+        self._stream = stream
+        self._rest = b""
+
+    def feed(self, data: bytes) -> Iterator[Received]:
+        data = self._rest + data
+        start = 0
+        while (magic := _MAGIC.search(data, start)) is not None:
+            start = magic.start()
+            length = _frame_bytes(data, start)
+            if self._stream and (length is None or start + length > len(data)):
+                break
+            frame = data[start : start + length] if length else b""
+            message = decode(frame) if frame else None
+            if message is None:
+                start += 1
+            else:
+                yield Received(frame, message)
+                start += len(frame)
+        self._rest = data[start:] if self._stream and magic is not None else b""
+
+
+def split(datagram: bytes) -> Iterator[bytes]:
+    """The sound frames of a datagram."""
+    return (received.frame for received in Splitter(stream=False).feed(datagram))
+
+
+def _frame_bytes(data: bytes, start: int) -> int | None:
+    """Length of the frame whose magic stands here: 0 if none can be, None if more must be seen."""
+    if data[start] == _MAGIC_1:
+        if len(data) < start + _V1_HEADER_BYTES:
+            return None
+        known = data[start + 5] in mavlink.mavlink_map
+        return _V1_HEADER_BYTES + data[start + 1] + _CHECKSUM_BYTES if known else 0
+    if len(data) < start + _V2_HEADER_BYTES:
+        return None
+    flags = data[start + 2]
+    if flags & ~_SIGNED or int.from_bytes(data[start + 7 : start + 10], "little") not in (
+        mavlink.mavlink_map
+    ):
+        return 0
+    signature = SIGNATURE_BYTES if flags & _SIGNED else 0
+    return _V2_HEADER_BYTES + data[start + 1] + _CHECKSUM_BYTES + signature

@@ -6,6 +6,7 @@ from collections.abc import Collection
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.clock import wall_s
+from companion.kernel.errors import PlanError
 from sitl.mavlink import framing
 from sitl.mavlink.links import UdpLink
 
@@ -21,6 +22,8 @@ class Listener:
     """Keeps the messages of some ids that an autopilot sends. Never blocks."""
 
     def __init__(self, url: str, message_ids: Collection[int]) -> None:
+        if not url.startswith(("udpin://", "udpout://")):
+            raise PlanError(f"{url}: not a UDP link; use udpin://HOST:PORT or udpout://HOST:PORT")
         self._link = UdpLink(url)
         self._wanted = frozenset((*message_ids, mavlink.MAVLINK_MSG_ID_HEARTBEAT))
         self._codec = mavlink.MAVLink(None, SYSTEM_ID, COMPONENT_ID)
@@ -33,13 +36,15 @@ class Listener:
         return self._link.url
 
     def fileno(self) -> int:
-        return self._link.fileno()
+        return self._link.socket.fileno()
 
     def receive(self) -> list[mavlink.MAVLink_message]:
         """All that has come since the last call, oldest first; beats when that is due."""
         messages = []
-        while (datagram := self._link.receive()) is not None:
+        while (arrived := self._link.receive()) is not None:
+            client, datagram = arrived
             for frame in framing.split(datagram):
+                client.admit()
                 if _message_id(frame) in self._wanted and (message := framing.decode(frame)):
                     messages.append(message)
         kept = [message for message in messages if self._is_the_autopilots(message)]
@@ -63,7 +68,9 @@ class Listener:
         self._link.close()
 
     def _send(self, message: mavlink.MAVLink_message) -> None:
-        self._link.send(message.pack(self._codec))
+        frame = message.pack(self._codec)
+        for client in self._link.clients:
+            client.send(frame)
         self._codec.seq = (self._codec.seq + 1) % 256
 
     def _is_the_autopilots(self, message: mavlink.MAVLink_message) -> bool:

@@ -1,5 +1,7 @@
 """PX4's numbers for modes and states, as measured on PX4 v1.17."""
 
+import math
+
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.messages import FlightMode, LandedState
@@ -27,6 +29,16 @@ _BASE_FLAGS: dict[FlightMode, int] = {
     FlightMode.POSITION: mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | _STABILIZE,
     FlightMode.OFFBOARD: _STABILIZE,
 }
+
+NON_STANDARD_MODE = 0
+STANDARD_MODES: dict[FlightMode, int] = {
+    FlightMode.POSITION: 1,
+    FlightMode.RTL: 5,
+    FlightMode.MISSION: 6,
+    FlightMode.LAND: 7,
+    FlightMode.TAKEOFF: 8,
+}
+"""MAV_STANDARD_MODE of those modes that have one."""
 
 LANDED_STATES: dict[LandedState, int] = {
     LandedState.UNKNOWN: mavlink.MAV_LANDED_STATE_UNDEFINED,
@@ -56,6 +68,8 @@ def system_status(ready: bool, armed: bool, failsafe: bool) -> int:
 
 def requested_mode(base: float, main: float, sub: float) -> FlightMode | None:
     """The mode that DO_SET_MODE's first three parameters ask for; None when unknown."""
+    if not (math.isfinite(base) and math.isfinite(main) and math.isfinite(sub)):
+        return None
     if not int(base) & _CUSTOM_FLAG:
         return None
     return _MODES_BY_NUMBER.get((int(main), int(sub)))

@@ -6,17 +6,13 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.frames import quaternion_from_euler
 from companion.kernel.messages import NAN
+from sitl.mavlink.places import degrees_from_ned
 from sitl.mavlink.snapshot import (
     HOME_AMSL_M,
-    HOME_LATITUDE_DEG,
-    HOME_LONGITUDE_DEG,
     Message,
     Snapshot,
     percent,
 )
-
-METRES_PER_DEGREE = 111_319.5
-"""Along a meridian, or along the equator; a room is too small for the difference to matter."""
 
 _IMU_FIELDS_UPDATED = 0x3F  # three accelerations, three rates
 _UNKNOWN_COVARIANCE = [NAN] * 21
@@ -62,14 +58,13 @@ def odometry(now: Snapshot) -> Message:
 
 
 def global_position_int(now: Snapshot) -> Message:
-    north_m, east_m, _ = now.estimate.position_ned_m
-    metres_per_degree_east = METRES_PER_DEGREE * math.cos(math.radians(HOME_LATITUDE_DEG))
+    latitude_deg, longitude_deg = degrees_from_ned(now.estimate.position_ned_m)
     return mavlink.MAVLink_global_position_int_message(
         now.boot_ms,
-        round((HOME_LATITUDE_DEG + north_m / METRES_PER_DEGREE) * 1e7),
-        round((HOME_LONGITUDE_DEG + east_m / metres_per_degree_east) * 1e7),
+        round(latitude_deg * 1e7),
+        round(longitude_deg * 1e7),
         round((HOME_AMSL_M + now.height_m) * 1e3),
-        round(now.height_m * 1e3),
+        round(now.height_over_home_m * 1e3),
         *(round(v * 100) for v in now.estimate.velocity_ned_m_s),
         round(_heading_deg(now) * 100) % 36000,
     )
@@ -89,18 +84,19 @@ def highres_imu(now: Snapshot) -> Message:
 def altitude(now: Snapshot) -> Message:
     amsl_m, height_m = HOME_AMSL_M + now.height_m, now.height_m
     return mavlink.MAVLink_altitude_message(
-        now.boot_us, amsl_m, amsl_m, height_m, height_m, NAN, height_m
+        now.boot_us, amsl_m, amsl_m, height_m, now.height_over_home_m, NAN, height_m
     )
 
 
 def distance_sensor(now: Snapshot) -> Message:
     """The downward range finder that holds the height; says its limits beyond them."""
-    least_cm, most_cm = 2, 600
+    least_m = now.parameters["SIH_DISTSNSR_MIN"]
+    most_m = max(least_m, now.parameters["SIH_DISTSNSR_MAX"])
+    given_m = now.parameters["SIH_DISTSNSR_OVR"]
+    distance_m = given_m if given_m >= 0.0 else min(most_m, max(least_m, now.height_m))
     return mavlink.MAVLink_distance_sensor_message(
         now.boot_ms,
-        least_cm,
-        most_cm,
-        min(most_cm, max(least_cm, round(now.height_m * 100))),
+        *(min(0xFFFF, round(value_m * 100)) for value_m in (least_m, most_m, distance_m)),
         mavlink.MAV_DISTANCE_SENSOR_ULTRASOUND,
         0,
         mavlink.MAV_SENSOR_ROTATION_PITCH_270,

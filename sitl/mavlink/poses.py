@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.kernel.clock import wall_s
 from companion.kernel.frames import Quaternion, Vector3, quaternion_from_euler
 from sitl.mavlink.listener import Listener
-from sitl.mavlink.motion import METRES_PER_DEGREE
+from sitl.mavlink.places import METRES_PER_DEGREE
 
 WANTED_RATE_HZ = 50.0
 ASK_PERIOD_S = 2.0

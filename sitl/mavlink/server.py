@@ -7,46 +7,23 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from sitl.autopilot.interface import Ack, AutopilotPort, StatusText
 from sitl.mavlink import commands, framing
-from sitl.mavlink.links import UdpLink
+from sitl.mavlink.camera import CameraDescription
+from sitl.mavlink.channel import Channel
+from sitl.mavlink.link_commands import LinkCommands
+from sitl.mavlink.links import Client, Link
 from sitl.mavlink.missions import MissionProtocol
-from sitl.mavlink.parameters import requested_values
+from sitl.mavlink.parameter_file import ParameterFile
+from sitl.mavlink.parameters import ParameterProtocol
 from sitl.mavlink.setpoints import FRAMES, attitude_setpoint, manual_input, offboard_setpoint
+from sitl.mavlink.signing import Keyring, Signer
 from sitl.mavlink.snapshot import Snapshot
-from sitl.mavlink.streams import STREAMS, Schedule
+from sitl.mavlink.streams import STREAMS
 from sitl.mavlink.tlog import TelemetryLog
 
 logger = logging.getLogger(__name__)
 
-MAX_OUTGOING_BYTES = 1400
-"""Messages of one moment share datagrams up to what an Ethernet frame carries."""
 MAX_DATAGRAMS_PER_POLL = 64
 """So that a flooding client cannot stop the world."""
-
-
-class Channel:
-    """One link with its sequence numbers, rates and waiting frames."""
-
-    def __init__(self, link: UdpLink, time_s: float, log: TelemetryLog | None) -> None:
-        self.link = link
-        self.schedule = Schedule(time_s)
-        self.log = log
-        self.has_ground_station = False
-        self._sequence = 0
-        self._waiting = bytearray()
-
-    def put(self, frame: framing.Frame, time_s: float) -> None:
-        packed = frame.numbered(self._sequence)
-        self._sequence = (self._sequence + 1) % 256
-        if self.log is not None:
-            self.log.write(time_s, packed)
-        if len(self._waiting) + len(packed) > MAX_OUTGOING_BYTES:
-            self.flush()
-        self._waiting += packed
-
-    def flush(self) -> None:
-        if self._waiting:
-            self.link.send(bytes(self._waiting))
-            self._waiting.clear()
 
 
 class MavlinkServer:
@@ -55,26 +32,34 @@ class MavlinkServer:
     def __init__(
         self,
         autopilot: AutopilotPort,
-        links: Sequence[UdpLink],
+        links: Sequence[Link],
         log: TelemetryLog | None = None,
         speed: float = 1.0,
+        *,
+        camera: CameraDescription | None = None,
+        keyring: Keyring | None = None,
+        parameter_file: ParameterFile | None = None,
     ) -> None:
-        """``log`` keeps all that the first link sends and receives; closed by ``close``.
+        """``log`` keeps what the first link sends to its first client and all that it receives;
+        closed by ``close``. With a ``keyring`` only signed messages are obeyed.
 
         ``speed`` is the world's: clients time heartbeats on their own clocks, so a world slower
         than real time sends more of them.
         """
         self._autopilot = autopilot
+        self.links = links
         self._log = log
-        time_s = autopilot.estimate.time_s
-        self.channels = [
-            Channel(link, time_s, log if number == 0 else None) for number, link in enumerate(links)
-        ]
-        for channel in self.channels:
-            channel.schedule.set_interval(
-                mavlink.MAVLINK_MSG_ID_HEARTBEAT, 1e6 * min(1.0, speed), time_s
-            )
+        self._heartbeat_us = 1e6 * min(1.0, speed)
+        self._keyring = keyring
+        self._time_s = autopilot.estimate.time_s
+        self._parameters = ParameterProtocol(autopilot, parameter_file)
         self._missions = MissionProtocol(autopilot)
+        self._source = _source_of(autopilot)
+        self._channels: dict[Client, Channel] = {}
+        builders = {message_id: stream.builder for message_id, stream in STREAMS.items()}
+        if camera is not None:
+            builders |= camera.builders
+        self._link_commands = LinkCommands(builders, self._parameters)
         self._unknown_frames: set[int] = set()
         self._handlers: Mapping[int, Callable[[Channel, mavlink.MAVLink_message], None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
@@ -91,59 +76,107 @@ class MavlinkServer:
             **dict.fromkeys(self._missions.handlers, self._on_mission),
         }
 
+    def filenos(self) -> list[int]:
+        """What becomes readable when there is something to ``poll``."""
+        return [fileno for link in self.links for fileno in link.filenos()]
+
+    @property
+    def channels(self) -> list[Channel]:
+        """One for each client of each link, as of now."""
+        present = [(client, link) for link in self.links for client in link.clients]
+        if len(present) != len(self._channels) or any(c not in self._channels for c, _ in present):
+            self._channels = {
+                client: self._channels.get(client) or self._new_channel(client, link)
+                for client, link in present
+            }
+            self._assign_log()
+        return list(self._channels.values())
+
     def poll(self) -> None:
         """Takes and answers all that has arrived."""
-        for channel in self.channels:
+        for link in self.links:
             for _ in range(MAX_DATAGRAMS_PER_POLL):
-                datagram = channel.link.receive()
-                if datagram is None:
+                arrived = link.receive()
+                if arrived is None:
                     break
-                for frame in framing.split(datagram):
-                    self._take(channel, frame)
+                self._take(link, *arrived)
+        for channel in self.channels:
             channel.flush()
 
     def update(self, time_s: float) -> None:
-        """Sends what is due at this time of the world; a message is encoded once for all links."""
+        """Sends what is due at this time of the world; a message is encoded once for all."""
+        self._time_s = time_s
         frames: dict[int, framing.Frame] = {}
         now: Snapshot | None = None
-        for channel in self.channels:
+        channels = self.channels
+        for channel in channels:
             for message_id in channel.schedule.due(time_s):
                 if message_id not in frames:
                     now = now or self._snapshot()
                     frames[message_id] = framing.encode(STREAMS[message_id].builder(now))
-                channel.put(frames[message_id], time_s)
+                channel.put(frames[message_id], self._source, time_s)
         for message in self._missions.update():
-            for channel in self.channels:
+            for channel in channels:
                 self._send(channel, message)
         for text in self._autopilot.drain_status_texts():
             self._put_status_text(text, time_s)
-        for channel in self.channels:
+        for channel in channels:
             channel.flush()
 
     def close(self) -> None:
-        for channel in self.channels:
-            channel.link.close()
+        for link in self.links:
+            link.close()
         if self._log is not None:
             self._log.close()
 
+    def _new_channel(self, client: Client, link: Link) -> Channel:
+        signer = Signer(self._keyring, self.links.index(link)) if self._keyring else None
+        return Channel(
+            client,
+            link.profile,
+            self._time_s,
+            self._heartbeat_us,
+            self._autopilot.parameters,
+            signer,
+        )
+
+    def _assign_log(self) -> None:
+        """Of several clients of the first link the one that came first is written down."""
+        first = next(iter(self.links[0].clients), None) if self.links else None
+        for client, channel in self._channels.items():
+            channel.log = self._log if client is first else None
+
     def _snapshot(self) -> Snapshot:
-        return Snapshot(self._autopilot.estimate, self._autopilot.status)
+        autopilot = self._autopilot
+        return Snapshot(autopilot.estimate, autopilot.status, self._time_s, autopilot.parameters)
 
-    def _time_s(self) -> float:
-        return self._autopilot.estimate.time_s
+    def _take(self, link: Link, client: Client, data: bytes) -> None:
+        """Who has never sent a sound frame is not a client, however much else it sends."""
+        channel = self._channels.get(client) or self._new_channel(client, link)
+        for received in channel.take(data):
+            if client not in self._channels:
+                if not client.admit():
+                    return
+                self._channels[client] = channel
+                self._assign_log()
+            if self._log is not None and link is self.links[0]:
+                self._log.write(self._time_s, received.frame)
+            self._obey(channel, received.message)
 
-    def _take(self, channel: Channel, frame: bytes) -> None:
-        message = framing.decode(frame)
-        if message is None:
-            return
-        if channel.log is not None:
-            channel.log.write(self._time_s(), frame)
+    def _obey(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
         handler = self._handlers.get(message.get_msgId())
-        if handler is not None and _is_for_us(message):
+        if handler is not None and self._is_for_us(message):
             handler(channel, message)
 
+    def _is_for_us(self, message: mavlink.MAVLink_message) -> bool:
+        """A component that is not there is answered by none."""
+        system_id, component_id = self._source
+        return getattr(message, "target_system", 0) in {0, system_id} and getattr(
+            message, "target_component", 0
+        ) in {0, component_id}
+
     def _send(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
-        channel.put(framing.encode(message), self._time_s())
+        channel.put(framing.encode(message), self._source, self._time_s)
 
     def _put_status_text(self, status: StatusText, time_s: float) -> None:
         """As PX4: only to links on which a ground station was heard."""
@@ -152,34 +185,43 @@ class MavlinkServer:
         frame = framing.encode(mavlink.MAVLink_statustext_message(int(status.severity), text))
         for channel in self.channels:
             if channel.has_ground_station:
-                channel.put(frame, time_s)
+                channel.put(frame, self._source, time_s)
 
     def _on_heartbeat(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
+        channel.schedule.start(self._time_s)
         if message.type == mavlink.MAV_TYPE_GCS:
             channel.has_ground_station = True
             self._autopilot.hear_ground_station()
 
     def _on_command(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
-        parameters = commands.parameters_of(message)
-        if message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-            known = channel.schedule.set_interval(int(parameters[0]), parameters[1], self._time_s())
-            self._acknowledge(channel, message, Ack.ACCEPTED if known else Ack.DENIED)
-        elif message.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
-            self._on_request_message(channel, message, int(parameters[0]))
-        else:
-            if message.command == mavlink.MAV_CMD_DO_SET_MODE:
+        command, parameters = message.command, commands.parameters_of(message)
+        if command == mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
+            self._on_reboot(channel, message, parameters)
+            return
+        outcome = self._link_commands.execute(channel, command, parameters, self._snapshot())
+        if outcome is None:
+            if command == mavlink.MAV_CMD_DO_SET_MODE:
                 # PX4's receiver accepts at once; its commander's verdict follows as a second one.
                 self._acknowledge(channel, message, Ack.ACCEPTED)
-            ack = commands.execute(self._autopilot, message.command, parameters)
-            self._acknowledge(channel, message, ack)
+            outcome = commands.execute(self._autopilot, command, parameters), ()
+        ack, answers = outcome
+        self._acknowledge(channel, message, ack)
+        for answer in answers:
+            self._send(channel, answer)
 
-    def _on_request_message(
-        self, channel: Channel, message: mavlink.MAVLink_message, message_id: int
+    def _on_reboot(
+        self, channel: Channel, message: mavlink.MAVLink_message, p: commands.Parameters
     ) -> None:
-        stream = STREAMS.get(message_id)
-        self._acknowledge(channel, message, Ack.ACCEPTED if stream else Ack.DENIED)
-        if stream is not None:
-            self._send(channel, stream.builder(self._snapshot()))
+        """The answer still comes from the old self; then all streams begin anew."""
+        nothing_to_do, reboot = 0, 1
+        ack = Ack.ACCEPTED if p[0] == nothing_to_do else Ack.DENIED
+        if p[0] == reboot:
+            ack = self._autopilot.reboot()
+        self._acknowledge(channel, message, ack)
+        if ack is Ack.ACCEPTED and p[0] == reboot:
+            channel.flush()
+            self._source = _source_of(self._autopilot)
+            self._channels.clear()
 
     def _acknowledge(self, channel: Channel, message: mavlink.MAVLink_message, ack: Ack) -> None:
         sender = message.get_srcSystem(), message.get_srcComponent()
@@ -203,12 +245,12 @@ class MavlinkServer:
         self._autopilot.set_offboard_setpoint(attitude_setpoint(message))
 
     def _on_manual_control(self, _: Channel, message: mavlink.MAVLink_message) -> None:
-        if message.target in {0, framing.SYSTEM_ID}:
+        if message.target in {0, self._source.system_id}:
             self._autopilot.set_manual_input(manual_input(message))
 
     def _on_timesync(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
         if message.tc1 == 0:  # a question; anything else answers one
-            now_ns = round(self._time_s() * 1e9)
+            now_ns = round(self._time_s * 1e9)
             self._send(channel, mavlink.MAVLink_timesync_message(now_ns, message.ts1))
 
     def _on_ping(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
@@ -219,7 +261,7 @@ class MavlinkServer:
             )
 
     def _on_parameter(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
-        for answer in requested_values(self._autopilot, message):
+        for answer in self._parameters.answers(message):
             self._send(channel, answer)
 
     def _on_mission(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
@@ -227,7 +269,6 @@ class MavlinkServer:
         handler(message, lambda answer: self._send(channel, answer))
 
 
-def _is_for_us(message: mavlink.MAVLink_message) -> bool:
-    return getattr(message, "target_system", 0) in {0, framing.SYSTEM_ID} and getattr(
-        message, "target_component", 0
-    ) in {0, framing.COMPONENT_ID}
+def _source_of(autopilot: AutopilotPort) -> framing.Source:
+    values = autopilot.parameters
+    return framing.Source(int(values["MAV_SYS_ID"]), int(values["MAV_COMP_ID"]))

@@ -34,6 +34,7 @@ _IGNORE_ATTITUDE = 128
 _NO_AXIS = 0x7FFF
 # Of length 1 in theory; zeros are what clients send that forget it.
 _SHORTEST_QUATERNION, _LONGEST_QUATERNION = 0.5, 2.0
+_LARGEST = 1e6  # metres, metres per second and its square, radians, radians per second
 
 
 def offboard_setpoint(
@@ -50,7 +51,7 @@ def offboard_setpoint(
     position = _masked((message.x, message.y, message.z), _IGNORE_POSITION, mask)
     velocity = _masked((message.vx, message.vy, message.vz), _IGNORE_VELOCITY, mask)
     acceleration = _masked((message.afx, message.afy, message.afz), _IGNORE_ACCELERATION, mask)
-    yaw_rad = NAN if mask & _IGNORE_YAW else _finite(message.yaw)
+    yaw_rad = _number(message.yaw, _IGNORE_YAW, mask)
     if frame in _BODY_FRAMES:
         position = _turned(position, estimate.yaw_rad)
         velocity = _turned(velocity, estimate.yaw_rad)
@@ -60,7 +61,7 @@ def offboard_setpoint(
         position = (position[0] + north_m, position[1] + east_m, position[2] + down_m)
     if frame == mavlink.MAV_FRAME_BODY_OFFSET_NED:
         yaw_rad = wrap_angle_rad(yaw_rad + estimate.yaw_rad)
-    yaw_rate_rad_s = NAN if mask & _IGNORE_YAW_RATE else _finite(message.yaw_rate)
+    yaw_rate_rad_s = _number(message.yaw_rate, _IGNORE_YAW_RATE, mask)
     return OffboardSetpoint(position, velocity, yaw_rad, yaw_rate_rad_s, acceleration)
 
 
@@ -71,8 +72,8 @@ def attitude_setpoint(message: mavlink.MAVLink_message) -> AttitudeSetpoint:
     usable = _SHORTEST_QUATERNION < math.hypot(*message.q) < _LONGEST_QUATERNION
     angles = NAN3 if mask & _IGNORE_ATTITUDE or not usable else euler_from_quaternion(message.q)
     rates_frd_rad_s = _masked(rates, _IGNORE_RATES, mask)
-    thrust_norm = 0.0 if mask & _IGNORE_THRUST else message.thrust
-    return AttitudeSetpoint(*angles, rates_frd_rad_s, thrust_norm)
+    given = not mask & _IGNORE_THRUST and math.isfinite(message.thrust)
+    return AttitudeSetpoint(*angles, rates_frd_rad_s, message.thrust if given else 0.0)
 
 
 def manual_input(message: mavlink.MAVLink_message) -> ManualInput:
@@ -87,15 +88,13 @@ def _stick(thousandths: int) -> float:
 
 
 def _masked(vector: Vector3, bits: tuple[int, int, int], mask: int) -> Vector3:
-    x, y, z = (
-        NAN if mask & bit else _finite(value) for value, bit in zip(vector, bits, strict=True)
-    )
+    x, y, z = (_number(value, bit, mask) for value, bit in zip(vector, bits, strict=True))
     return x, y, z
 
 
-def _finite(value: float) -> float:
-    """Infinite is as good as not given."""
-    return value if math.isfinite(value) else NAN
+def _number(value: float, ignore_bit: int, mask: int) -> float:
+    """NaN, not controlled, where it is masked out or nothing that can be flown."""
+    return value if not mask & ignore_bit and abs(value) < _LARGEST else NAN
 
 
 def _turned(vector_hfrd: Vector3, yaw_rad: float) -> Vector3:

@@ -1,6 +1,7 @@
 """One moment of the vehicle, and where on Earth it is said to be."""
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -20,6 +21,13 @@ class Snapshot(NamedTuple):
 
     estimate: Estimate
     status: VehicleStatus
+    time_s: float
+    """When it is told: since boot, as are all stamps. The estimate may be a little older."""
+    parameters: Mapping[str, float | int]
+
+    @property
+    def boot_ns(self) -> int:
+        return round(self.time_s * 1e9)
 
     @property
     def boot_ms(self) -> int:
@@ -35,7 +43,12 @@ class Snapshot(NamedTuple):
 
     @property
     def height_m(self) -> float:
+        """Above the floor at the start."""
         return -self.estimate.position_ned_m[2]
+
+    @property
+    def height_over_home_m(self) -> float:
+        return self.height_m + self.status.home_ned_m[2]
 
 
 def percent(share_norm: float, unknown: int) -> int:

@@ -1,17 +1,13 @@
 """State as MAVLink messages: modes, health, power, and what stands in for GPS."""
 
 from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import development
 
+from companion.kernel.frames import quaternion_from_euler
 from companion.kernel.messages import NAN
 from sitl.mavlink import modes
-from sitl.mavlink.snapshot import (
-    HOME_AMSL_M,
-    HOME_LATITUDE_DEG,
-    HOME_LONGITUDE_DEG,
-    Message,
-    Snapshot,
-    percent,
-)
+from sitl.mavlink.places import degrees_from_ned
+from sitl.mavlink.snapshot import HOME_AMSL_M, Message, Snapshot, percent
 
 _PX4_VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255
 _CAPABILITIES = (
@@ -46,12 +42,15 @@ _ESTIMATES_WHEN_READY = (
     | mavlink.ESTIMATOR_POS_VERT_AGL
 )
 _UNKNOWN_UINT16 = 0xFFFF
+_SEA_LEVEL_HPA, _SEA_LEVEL_C, _ZERO_C_K = 1013.25, 15.0, 273.15
+_LAPSE_C_PER_M = 0.0065
+_BAROMETRIC_EXPONENT = 5.25588  # g M / (R L)
 
 
 def heartbeat(now: Snapshot) -> Message:
     status = now.status
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_QUADROTOR,
+        int(now.parameters["MAV_TYPE"]),
         mavlink.MAV_AUTOPILOT_PX4,
         modes.base_mode(status.mode, status.armed),
         modes.custom_mode(status.mode),
@@ -83,8 +82,48 @@ def extended_sys_state(now: Snapshot) -> Message:
 
 
 def system_time(now: Snapshot) -> Message:
-    """No GPS, hence no date."""
-    return mavlink.MAVLink_system_time_message(0, now.boot_ms)
+    """No GPS, hence no date. The time since boot is the one that TIMESYNC tells."""
+    return mavlink.MAVLink_system_time_message(0, round(now.time_s * 1e3))
+
+
+def timesync(now: Snapshot) -> Message:
+    """A question; what is answered stays unused, for no time stamp of a client is."""
+    return mavlink.MAVLink_timesync_message(0, now.boot_ns)
+
+
+def ping(now: Snapshot) -> Message:
+    """To everybody; numbered by the seconds since boot."""
+    return mavlink.MAVLink_ping_message(round(now.time_s * 1e6), round(now.time_s), 0, 0)
+
+
+def scaled_pressure(now: Snapshot) -> Message:
+    """The standard atmosphere (ISO 2533) at the estimated height."""
+    celsius = _SEA_LEVEL_C - _LAPSE_C_PER_M * (HOME_AMSL_M + now.height_m)
+    ratio = (celsius + _ZERO_C_K) / (_SEA_LEVEL_C + _ZERO_C_K)
+    pressure_hpa = _SEA_LEVEL_HPA * ratio**_BAROMETRIC_EXPONENT
+    return mavlink.MAVLink_scaled_pressure_message(
+        now.boot_ms,
+        pressure_hpa + now.parameters["SIM_BARO_OFF_P"],
+        0.0,
+        round((celsius + now.parameters["SIM_BARO_OFF_T"]) * 100),
+    )
+
+
+def current_mode(now: Snapshot) -> Message:
+    status = now.status
+    return development.MAVLink_current_mode_message(
+        modes.STANDARD_MODES.get(status.mode, modes.NON_STANDARD_MODE),
+        modes.custom_mode(status.mode),
+        modes.custom_mode(status.intended_mode),
+    )
+
+
+def vibration(now: Snapshot) -> Message:
+    """As PX4: z is of the accelerometer, y of the gyroscope, x is of none any more."""
+    status = now.status
+    return mavlink.MAVLink_vibration_message(
+        now.boot_us, 0.0, status.gyro_vibration_rad_s, status.acceleration_vibration_m_s2, 0, 0, 0
+    )
 
 
 def estimator_status(now: Snapshot) -> Message:
@@ -119,14 +158,14 @@ def gps_raw_int(now: Snapshot) -> Message:
 
 
 def home_position(now: Snapshot) -> Message:
+    home_ned_m = now.status.home_ned_m
+    latitude_deg, longitude_deg = degrees_from_ned(home_ned_m)
     return mavlink.MAVLink_home_position_message(
-        round(HOME_LATITUDE_DEG * 1e7),
-        round(HOME_LONGITUDE_DEG * 1e7),
-        round(HOME_AMSL_M * 1e3),
-        0.0,
-        0.0,
-        0.0,
-        (1.0, 0.0, 0.0, 0.0),
+        round(latitude_deg * 1e7),
+        round(longitude_deg * 1e7),
+        round((HOME_AMSL_M - home_ned_m[2]) * 1e3),
+        *home_ned_m,
+        quaternion_from_euler(0.0, 0.0, now.status.home_yaw_rad),
         NAN,
         NAN,
         NAN,

@@ -17,121 +17,19 @@ from companion.kernel.messages import FlightMode
 from sitl.autopilot.interface import Ack
 from sitl.mavlink import framing
 from sitl.mavlink.links import UdpLink, parse_link
-from sitl.mavlink.server import MavlinkServer
 from sitl.mavlink.streams import STREAMS
 from sitl.mavlink.tlog import TelemetryLog
-from sitl.settings import SitlSettings
-from sitl.simulator import World
-
-VELOCITY_AND_YAW_RATE = 1479
-"""The mask that MAVSDK sends."""
-
-
-class OpenAir:
-    """A room without walls."""
-
-    start_position_ned_m = (0.0, 0.0, 0.0)
-    start_yaw_rad = 0.5
-
-    def nearest(self, position_ned_m):
-        return 100.0, (1.0, 0.0, 0.0)
-
-
-class Client:
-    """A companion computer on its own socket."""
-
-    def __init__(self, link, kind=mavlink.MAV_TYPE_ONBOARD_CONTROLLER):
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        host, port = link.url.removeprefix("udpin://").split(":")
-        self._socket.connect((host, int(port)))
-        self._codec = mavlink.MAVLink(None, 245, 190)
-        self._decoder = mavlink.MAVLink(None)
-        self.send(mavlink.MAVLink_heartbeat_message(kind, 8, 0, 0, 4, 3))
-
-    def send(self, message):
-        self._socket.send(message.pack(self._codec))
-
-    def command(self, command, *parameters):
-        parameters = (*parameters, *(math.nan,) * (7 - len(parameters)))
-        self.send(mavlink.MAVLink_command_long_message(1, 1, command, 0, *parameters))
-
-    def received(self):
-        messages = []
-        while True:
-            try:
-                datagram = self._socket.recv(4096)
-            except BlockingIOError:
-                return messages
-            messages += self._decoder.parse_buffer(datagram) or []
-
-    def close(self):
-        self._socket.close()
-
-
-class Flight:
-    """A world, its server on two links, and a client on the first."""
-
-    def __init__(self, log_path=None):
-        room = OpenAir()
-        self.world = World(room, SitlSettings(), 1, room)
-        self.autopilot = self.world.autopilot
-        self.links = [UdpLink("udpin://127.0.0.1:0") for _ in range(2)]
-        log = TelemetryLog(log_path) if log_path else None
-        self.server = MavlinkServer(self.autopilot, self.links, log)
-        self.client = Client(self.links[0])
-        self.server.poll()
-
-    def run(self, duration_s):
-        """Returns what the client got meanwhile."""
-        messages = []
-        end_s = self.world.time_s + duration_s
-        while self.world.time_s < end_s - 1e-9:
-            self.server.poll()
-            self.world.step()
-            self.server.update(self.world.time_s)
-            messages += self.client.received()
-        return messages
-
-    def answers(self, kind):
-        self.server.poll()
-        return [m for m in self.client.received() if m.get_type() == kind]
-
-    def acks(self, command, *parameters):
-        self.client.received()
-        self.client.command(command, *parameters)
-        return [Ack(m.result) for m in self.answers("COMMAND_ACK") if m.command == command]
-
-    def take_off(self):
-        self.run(3.0)
-        assert self.acks(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0) == [Ack.ACCEPTED]
-        assert self.acks(mavlink.MAV_CMD_NAV_TAKEOFF) == [Ack.ACCEPTED]
-        self.run(12.0)
-
-    def send_setpoint(self, velocity, yaw_rate=0.0, frame=mavlink.MAV_FRAME_BODY_NED):
-        self.client.send(
-            mavlink.MAVLink_set_position_target_local_ned_message(
-                *(0, 1, 1, frame, VELOCITY_AND_YAW_RATE),
-                *(0.0, 0.0, 0.0, *velocity, 0.0, 0.0, 0.0, 0.0, yaw_rate),
-            )
-        )
-
-    def close(self):
-        self.client.close()
-        self.server.close()
 
 
 @pytest.fixture
-def flight():
-    flight = Flight()
-    yield flight
-    flight.close()
+def flight(fly_mavlink):
+    return fly_mavlink()
 
 
 def test_streams_keep_their_rates_in_simulated_time(flight):
     counts = Counter(message.get_msgId() for message in flight.run(10.0))
     for message_id, stream in STREAMS.items():
-        expected = stream.rate_hz * 10.0
+        expected = stream.onboard_hz * 10.0
         assert counts[message_id] == pytest.approx(expected, abs=1.0, rel=0.02), message_id
 
 
@@ -224,7 +122,7 @@ def test_landing_disarms(flight):
 
 
 def test_message_rates_can_be_set_for_one_link_alone(flight):
-    other = Client(flight.links[1])
+    other = flight.new_client(1)
     set_interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
     assert flight.acks(set_interval, mavlink.MAVLINK_MSG_ID_ATTITUDE, 2e5) == [Ack.ACCEPTED]
     assert flight.acks(set_interval, mavlink.MAVLINK_MSG_ID_ODOMETRY, -1.0) == [Ack.ACCEPTED]
@@ -266,6 +164,8 @@ def test_parameters_are_read_and_set_bytewise(flight):
 def test_all_parameters_are_listed_and_unknown_names_met_with_silence(flight):
     flight.client.send(mavlink.MAVLink_param_request_list_message(1, 1))
     values = flight.answers("PARAM_VALUE")
+    hash_check, *values = values
+    assert hash_check.param_id == "_HASH_CHECK"
     assert [m.param_id for m in values] == list(flight.autopilot.parameters)
     assert [m.param_index for m in values] == list(range(values[0].param_count))
     flight.client.send(mavlink.MAVLink_param_request_read_message(1, 1, b"NO_SUCH_NAME", -1))
@@ -273,7 +173,7 @@ def test_all_parameters_are_listed_and_unknown_names_met_with_silence(flight):
 
 
 def test_status_texts_go_to_ground_stations_only(flight):
-    station = Client(flight.links[1], kind=mavlink.MAV_TYPE_GCS)
+    station = flight.new_client(1, kind=mavlink.MAV_TYPE_GCS)
     mine, theirs = [], []
     for _ in range(6):
         mine += flight.run(0.5)
@@ -295,9 +195,9 @@ def test_timesync_and_ping_are_answered(flight):
     assert (answer.target_system, answer.target_component) == (245, 190)
 
 
-def test_the_log_holds_all_that_went_over_the_first_link(tmp_path):
+def test_the_log_holds_all_that_went_over_the_first_link(tmp_path, fly_mavlink):
     def fly(path):
-        flight = Flight(path)
+        flight = fly_mavlink(log=TelemetryLog(path))
         flight.client.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         received = flight.run(2.0)
         flight.close()
@@ -318,17 +218,21 @@ def test_the_log_holds_all_that_went_over_the_first_link(tmp_path):
     assert logged[-1]._timestamp == pytest.approx(2.0, abs=0.02)
 
 
+def packed(message, sequence=0):
+    return framing.encode(message).packed(sequence, framing.Source())
+
+
 @given(sequence=st.integers(0, 255), time_ms=st.integers(0, 2**32 - 1))
 def test_a_renumbered_frame_is_the_frame_with_that_number(sequence, time_ms):
     message = mavlink.MAVLink_system_time_message(0, time_ms)
-    codec = mavlink.MAVLink(None, framing.SYSTEM_ID, framing.COMPONENT_ID)
+    codec = mavlink.MAVLink(None, 1, 1)
     codec.seq = sequence
-    assert framing.encode(message).numbered(sequence) == message.pack(codec)
+    assert packed(message, sequence) == message.pack(codec)
 
 
 @given(st.binary(max_size=40).filter(lambda b: b"\xfd" not in b and b"\xfe" not in b))
 def test_frames_are_found_behind_garbage(garbage):
-    frame = framing.encode(mavlink.MAVLink_system_time_message(0, 77)).packed
+    frame = packed(mavlink.MAVLink_system_time_message(0, 77))
     found = list(framing.split(garbage + frame + frame))
     assert found == [frame, frame]
     assert framing.decode(frame).time_boot_ms == 77
@@ -341,7 +245,7 @@ def test_any_datagram_is_survived(datagram):
 
 
 def test_a_damaged_frame_is_dropped():
-    frame = bytearray(framing.encode(mavlink.MAVLink_system_time_message(0, 77)).packed)
+    frame = bytearray(packed(mavlink.MAVLink_system_time_message(0, 77)))
     frame[-3] ^= 1
     assert framing.decode(bytes(frame)) is None
 
@@ -355,7 +259,10 @@ def test_a_busy_port_is_one_clear_error():
 
 @pytest.mark.parametrize(
     "url",
-    ["", "127.0.0.1:14540", "tcp://a:1", "udpin://", "udpout://h:70000", "udpout://h:1?local=2"],
+    [
+        *("", "127.0.0.1:14540", "tcp://a:1", "udpin://", "udpout://h:70000", "udpout://:1"),
+        *("udpout://h:1?local=2", "udpin://:1?profile=fast", "serial://ttyX", "serial:///dev/x:b"),
+    ],
 )
 def test_a_bad_url_is_refused_with_what_is_allowed(url):
     with pytest.raises(PlanError, match="use udpout://HOST:PORT"):
@@ -368,6 +275,6 @@ def test_udpout_speaks_first_from_its_local_port():
         listener.settimeout(1.0)
         host, port = listener.getsockname()
         link = UdpLink(f"udpout://{host}:{port}")
-        link.send(b"hello")
+        link.clients[0].send(b"hello")
         assert listener.recv(10) == b"hello"
         link.close()

@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.messages import FlightMode
 from sitl.autopilot.geofence import Circle, Polygon
+from sitl.autopilot.home import Home
 from sitl.autopilot.interface import Estimate
 from sitl.autopilot.mission import Jump, TakeOffTo, Waypoint
 from sitl.autopilot.parameters import default_parameters
@@ -26,7 +27,7 @@ class Board:
     """The part of the autopilot that the protocol needs."""
 
     def __init__(self):
-        self.plans = Plans(default_parameters())
+        self.plans = Plans(default_parameters(), Home(0.0))
         self.texts = []
         self.time_s = 0.0
 

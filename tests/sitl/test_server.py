@@ -12,6 +12,7 @@ from collections import deque
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.clock import WallClock, wall_s
@@ -54,7 +55,8 @@ class Ticking:
 class Mute:
     """No links, and frames that go nowhere."""
 
-    channels = ()
+    def filenos(self):
+        return []
 
     def poll(self):
         pass
@@ -116,7 +118,7 @@ def test_a_missing_room_is_one_line_and_exit_code_2(capsys):
 
 
 def test_a_bad_link_is_one_line_and_exit_code_2(capsys):
-    assert main(["run", ROOM, "--mavlink", "serial:///dev/x"]) == 2
+    assert main(["run", ROOM, "--mavlink", "tcp://127.0.0.1:1"]) == 2
     assert "use udpout://HOST:PORT" in one_line_on_stderr(capsys)
 
 
@@ -153,7 +155,8 @@ def test_a_signal_ends_it_cleanly(tmp_path):
     host, port = ready["mavlink"][0].removeprefix("udpin://").split(":")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
         client.settimeout(LIMIT_S)
-        client.sendto(b"hello", (host, int(port)))
+        heartbeat = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3)
+        client.sendto(heartbeat.pack(mavlink.MAVLink(None, 245, 190)), (host, int(port)))
         assert client.recv(4096)[0] == 0xFD
     process.send_signal(signal.SIGTERM)
     out, error = process.communicate(timeout=LIMIT_S)

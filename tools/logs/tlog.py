@@ -10,12 +10,15 @@ import numpy as np
 
 from companion.flightlog.schema import table
 from companion.kernel.errors import RecordingError
-from sitl.mavlink.framing import COMPONENT_ID, decode, frame_bytes
+from sitl.mavlink.framing import SIGNATURE_BYTES, Source, decode
 from tools.logs.series import Finding, Health, Table, backward_steps, problem, remark
 
 _STAMP_US = struct.Struct(">Q")
-_V2_MAGIC = 0xFD
-_SHORTEST_BYTES = _STAMP_US.size + 8  # an empty MAVLink 1 frame
+_V1_MAGIC, _V2_MAGIC = 0xFE, 0xFD
+_SIGNED = 1
+_V1_OVERHEAD_BYTES = 8
+_V2_OVERHEAD_BYTES = 12
+_SHORTEST_BYTES = _STAMP_US.size + _V1_OVERHEAD_BYTES  # an empty MAVLink 1 frame
 _SEQUENCES = 256
 ALLOWED_STEP_BACK_S = 0.1
 """Ground stations stamp a frame when it was made or came in, and write it a little later."""
@@ -34,7 +37,7 @@ class _Entry(NamedTuple):
 
 
 def looks_like_tlog(head: bytes) -> bool:
-    return len(head) >= _SHORTEST_BYTES and frame_bytes(head, _STAMP_US.size) > 0
+    return len(head) >= _SHORTEST_BYTES and _frame_bytes(head, _STAMP_US.size) > 0
 
 
 class TelemetryReader:
@@ -116,7 +119,7 @@ class TelemetryReader:
         for (source, _), entries in self._entries.items():
             message = next(filter(None, (decode(self._frame(entry)) for entry in entries)), None)
             if message is not None:
-                suffix = "" if source[1] == COMPONENT_ID else "@{}.{}".format(*source)
+                suffix = "" if source[1] == Source().component_id else "@{}.{}".format(*source)
                 series[message.get_type() + suffix] = entries
         return series
 
@@ -138,7 +141,7 @@ class TelemetryReader:
         data, found, at = self._data, [], 0
         while at + _SHORTEST_BYTES <= len(data):
             start = at + _STAMP_US.size
-            length = frame_bytes(data, start)
+            length = _frame_bytes(data, start)
             if length and self._is_frame(start, start + length):
                 found.append(_entry(data, at, start, length))
                 at = start + length
@@ -154,8 +157,19 @@ class TelemetryReader:
         if end > len(data):
             return False
         follower = end + _STAMP_US.size
-        follows = follower + 3 > len(data) or frame_bytes(data, follower) > 0
+        follows = follower + 3 > len(data) or _frame_bytes(data, follower) > 0
         return follows or decode(data[start:end]) is not None
+
+
+def _frame_bytes(data: bytes, start: int) -> int:
+    """Length that a frame starting here would have, of any dialect, even damaged; else 0."""
+    head = data[start : start + 3]
+    if len(head) == 3 and head[0] == _V2_MAGIC:
+        signed = head[2] & _SIGNED
+        return head[1] + _V2_OVERHEAD_BYTES + (SIGNATURE_BYTES if signed else 0)
+    if len(head) == 3 and head[0] == _V1_MAGIC:
+        return head[1] + _V1_OVERHEAD_BYTES
+    return 0
 
 
 def _entry(data: bytes, at: int, start: int, length: int) -> _Entry:

@@ -16,7 +16,7 @@ from companion.kernel.messages import (
     Setpoint,
     Telemetry,
 )
-from sitl.mavlink.framing import encode
+from sitl.mavlink.framing import Source, encode
 from sitl.mavlink.tlog import TelemetryLog
 
 STEP_S = 0.1
@@ -104,8 +104,8 @@ def write_tlog(path, motion, clock_s=0.0, rate_hz=25.0):
         place = (0.0, 0.0, motion.down_m(time_s), 0.0, 0.0, 0.0)
         attitude = mavlink.MAVLink_attitude_message(boot_ms, 0.0, 0.0, 0.0, *rates)
         local = mavlink.MAVLink_local_position_ned_message(boot_ms, *place)
-        log.write(time_s + clock_s, encode(attitude).numbered((2 * sequence) % 256))
-        log.write(time_s + clock_s, encode(local).numbered((2 * sequence + 1) % 256))
+        log.write(time_s + clock_s, encode(attitude).packed((2 * sequence) % 256, Source()))
+        log.write(time_s + clock_s, encode(local).packed((2 * sequence + 1) % 256, Source()))
     log.close()
     return path
 
