@@ -47,7 +47,7 @@ def encode(view: Floats32) -> Floats32:
 
 
 @njit(cache=True, nogil=True)
-def _halve(view):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _halve(view):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     height, width = view.shape[0] // 2, view.shape[1] // 2
     half = np.empty((height, width), dtype=np.float32)
     for row in range(height):
@@ -60,7 +60,7 @@ def _halve(view):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH)
-def _pool(view, energy, counts):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _pool(view, energy, counts):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     """Mean energies per cell, (ENERGIES, ROWS, COLUMNS), and how often each magnitude occurs."""
     height, width = view.shape[0] // ROWS, view.shape[1] // COLUMNS
     counts[:] = 0
@@ -84,7 +84,7 @@ def _pool(view, energy, counts):  # type: ignore[no-untyped-def]  # noqa: ANN001
 
 
 @njit(cache=True, nogil=True)
-def _quantiles(counts, quantiles, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _quantiles(counts, quantiles, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     """Logarithms of the magnitudes that those shares of the pixels stay below."""
     seen, total, place = 0, counts.sum(), 0
     for bin_ in range(len(counts)):
@@ -95,7 +95,7 @@ def _quantiles(counts, quantiles, features):  # type: ignore[no-untyped-def]  # 
 
 
 @njit(cache=True, nogil=True)
-def _brightness(view, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _brightness(view, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     height, width = view.shape[0] // ROWS, view.shape[1] // COLUMNS
     for row in range(ROWS):
         for column in range(COLUMNS):
@@ -106,7 +106,7 @@ def _brightness(view, features):  # type: ignore[no-untyped-def]  # noqa: ANN001
 
 # The signature is given so that it is compiled, or read from the cache, before take-off.
 @njit("void(f4[:,::1], f8[::1], f4[::1])", cache=True, nogil=True)
-def _encode(view, quantiles, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _encode(view, quantiles, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     energy = np.empty((ENERGIES, ROWS, COLUMNS))
     counts = np.empty(int(MOST_LSB * BINS_PER_LSB), dtype=np.int64)
     n_cells = ROWS * COLUMNS

@@ -236,7 +236,7 @@ def _is_aligned(calibration: StereoCalibration) -> bool:
 
 # The signature is given so that it is compiled, or read from the cache, before take-off.
 @njit("Tuple((i8, f8, f8))(i2[:,:], i8, f8)", cache=True, nogil=True)
-def _summarise(raw, least_px, exceeding_norm):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _summarise(raw, least_px, exceeding_norm):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     """(matches inside the right image, their mean, the value exceeded by that share of them)."""
     height, width = raw.shape
     least = least_px * SUBPIXELS

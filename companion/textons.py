@@ -190,7 +190,7 @@ def _linear_form(dictionary: TextonDictionary, patch_px: int) -> tuple[Floats32,
 
 
 @njit(cache=True, nogil=True)
-def _nearest(nodes, sample):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _nearest(nodes, sample):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     best, winner = np.inf, 0
     for node in range(len(nodes)):
         distance = 0.0
@@ -203,7 +203,7 @@ def _nearest(nodes, sample):  # type: ignore[no-untyped-def]  # noqa: ANN001, AN
 
 # Signatures are given so that kernels are compiled, or read from the cache, before take-off.
 @njit("void(f4[:,::1], f4[:,::1], f8, f8, f8, f8)", cache=True, nogil=True)
-def _train(nodes, samples, done_norm, step_norm, rate_start, rate_end):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _train(nodes, samples, done_norm, step_norm, rate_start, rate_end):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     """One Kohonen step per sample: the winner and its neighbours move towards it.
 
     Rate and neighbourhood (a Gaussian along the map) shrink geometrically with progress.
@@ -228,7 +228,7 @@ def _train(nodes, samples, done_norm, step_norm, rate_start, rate_end):  # type:
     nogil=True,
     fastmath=FASTMATH,
 )
-def _encode(image, places, weights, offsets, n_intensity, entropy_scale, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _encode(image, places, weights, offsets, n_intensity, entropy_scale, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     n_textons = len(offsets)
     size = round(math.sqrt(len(weights)))
     score = np.empty(n_textons, dtype=np.float32)

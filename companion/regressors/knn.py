@@ -165,7 +165,7 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
 
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH)
-def _distances(tile, query, distance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _distances(tile, query, distance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     """Squared distance of every sample in the tile."""
     distance[:] = 0.0
     for feature in range(len(query)):
@@ -176,7 +176,7 @@ def _distances(tile, query, distance):  # type: ignore[no-untyped-def]  # noqa: 
 
 
 @njit(cache=True, nogil=True)
-def _keep_nearest(distance, n_valid, tile, nearest, index):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _keep_nearest(distance, n_valid, tile, nearest, index):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     """Insertion into the sorted list of the nearest; of equals, the lower slot stays."""
     last = len(nearest) - 1
     for sample in range(n_valid):
@@ -192,7 +192,7 @@ def _keep_nearest(distance, n_valid, tile, nearest, index):  # type: ignore[no-u
 
 
 @njit(cache=True, nogil=True)
-def _spread(targets, index):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _spread(targets, index):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     total = 0.0
     for neighbour in index:
         total += targets[neighbour]
@@ -206,7 +206,7 @@ def _spread(targets, index):  # type: ignore[no-untyped-def]  # noqa: ANN001, AN
 
 # Signatures are given so that kernels are compiled, or read from the cache, before take-off.
 @njit("Tuple((f8[::1], f8[::1]))(f4[:,:,::1], f8[::1], i8, i8, f4[:,::1])", cache=True, nogil=True)
-def _query(tiles, targets, n_samples, k, queries):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _query(tiles, targets, n_samples, k, queries):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     """Mean and sample standard deviation of the k nearest targets for each row of queries."""
     n_queries = len(queries)
     k = min(k, n_samples)

@@ -178,7 +178,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
 
 
 @njit("i8[::1](f8[::1], f8[::1])", cache=True, nogil=True)
-def _draw_evenly(targets, draws):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _draw_evenly(targets, draws):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     """Rows for ``draws`` in [0, 1): a row weighs the inverse root of how many are like it."""
     least, most = targets.min(), targets.max()
     per_px = (BINS - 1e-6) / max(most - least, 1e-9)

@@ -125,7 +125,7 @@ class Network:
     nogil=True,
     fastmath=FASTMATH,
 )
-def _update(values, averages, first, second, gradient, size, decay, share):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _update(values, averages, first, second, gradient, size, decay, share):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     keep_first, keep_second = np.float32(DECAYS[0]), np.float32(DECAYS[1])
     one, floor = np.float32(1.0), np.float32(1e-8)
     for place in range(len(values)):

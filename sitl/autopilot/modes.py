@@ -22,7 +22,7 @@ class Mode:
 
     def goal(self, estimate: Estimate) -> Goal:
         """What to fly now; asked for at every step in the air."""
-        raise NotImplementedError
+        raise NotImplementedError  # every mode has its own
 
     @property
     def leg(self) -> "Mode":
