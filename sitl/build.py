@@ -66,10 +66,13 @@ class Simulation:
 
     def next_frame(self) -> StereoFrame:
         """Steps the world to the next multiple of the camera's period, and exposes there."""
-        done = round(self.world.time_s * self.world.physics_hz)
-        for _ in range(self._steps - done % self._steps):
-            self.world.step()
+        self.world.advance_to(self.next_exposure_s)
         return self.camera.expose()
+
+    @property
+    def next_exposure_s(self) -> float:
+        done = round(self.world.time_s * self.world.physics_hz)
+        return (done + self._steps - done % self._steps) / self.world.physics_hz
 
 
 def build(

@@ -12,6 +12,7 @@ from companion.kernel.frames import Vector3, quaternion_from_euler
 from companion.kernel.messages import LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
+from sitl.conditions import LinkConditions, link_rng
 from sitl.hull import (
     CRASH_SPEED_M_S,
     HULL_RADIUS_M,
@@ -74,6 +75,8 @@ class World:
             settings.battery,
         )
         self._apply_parameters()
+        self.link = LinkConditions(settings.link, link_rng(seed))
+        """Of the companion's link, whatever carries it."""
         self.mocap: deque[MocapPose] = deque(maxlen=_MOCAP_KEPT)
         self._walls, self._floor = ContactCounter(), ContactCounter()
         self._pushed = self._near = False
