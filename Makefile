@@ -5,8 +5,9 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PLAN ?= flightplans/room1.toml
 SPEED ?= 10
+MINUTES ?= 10
 
-.PHONY: env fly test lint bench clean
+.PHONY: env fly test lint bench fuzz clean
 
 env: $(STAMP)
 
@@ -34,6 +35,10 @@ lint: env
 
 bench: env
 	$(BIN)/python -m tools.bench
+
+# Mutated input for every parser, so many minutes for each.
+fuzz: env
+	$(BIN)/python -m pytest tests/fuzz --fuzz-minutes $(MINUTES)
 
 clean:
 	rm -rf $(VENV) build *.egg-info

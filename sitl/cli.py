@@ -208,7 +208,7 @@ def _read_settings(path: Path | None) -> dict[str, Any]:
         table = json.loads(path.read_bytes())
     except OSError as error:
         raise PlanError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise PlanError(f"{path}: not valid JSON: {error}") from error
     if not isinstance(table, dict):
         raise PlanError(f"{path}: must hold a table, not {type(table).__name__}")

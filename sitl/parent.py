@@ -60,5 +60,5 @@ class Parent:
 def _inject(world: "World", line: bytes) -> InjectedLine | RefusedLine:
     try:
         return InjectedLine(inject(world, msgspec.json.decode(line, type=Faults)))
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         return RefusedLine(str(error))
