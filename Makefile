@@ -6,8 +6,9 @@ STAMP := $(VENV)/.installed
 PLAN ?= flightplans/room1.toml
 SPEED ?= 10
 MINUTES ?= 10
+HOURS ?= 1
 
-.PHONY: env fly test lint bench fuzz clean
+.PHONY: env fly test lint bench fuzz endurance clean
 
 env: $(STAMP)
 
@@ -38,7 +39,11 @@ bench: env
 
 # Mutated input for every parser, so many minutes for each.
 fuzz: env
-	$(BIN)/python -m pytest tests/fuzz --fuzz-minutes $(MINUTES)
+	$(BIN)/python -m pytest tests/fuzz --timeout 0 --fuzz-minutes $(MINUTES)
+
+# Hours of hovering, a million hostile bytes on each kind of link, 50 clients killed in offboard.
+endurance: env
+	$(BIN)/python -m pytest tests/endurance --timeout 0 --soak-hours $(HOURS) --hostile-bytes 1000000 --kills 50
 
 clean:
 	rm -rf $(VENV) build *.egg-info
