@@ -7,6 +7,7 @@ from msgspec import Meta
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
 from sitl.arena.camera import CameraSettings
+from sitl.mavlink.places import Origin
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
@@ -49,6 +50,7 @@ class SitlSettings(Settings, frozen=True):
     physics_hz: Annotated[int, Meta(ge=250, le=2000)] = 300
     """A multiple of 50 (control), of 100 (motion capture) and of the camera's rate."""
     wind_ned_m_s: Vector3 = (0.0, 0.0, 0.0)
+    home: Origin = Origin()
     estimator: EstimatorSettings = EstimatorSettings()
     battery: BatterySettings = BatterySettings()
     camera: CameraSettings = CameraSettings()

@@ -25,6 +25,7 @@ from sitl.autopilot.interface import (
     Estimate,
     ManualInput,
     OffboardSetpoint,
+    OrbitRequest,
     Severity,
     StatusText,
     VehicleStatus,
@@ -180,6 +181,14 @@ class Autopilot:
         self._flight.reposition(position_ned_m, yaw_rad, speed_m_s)
         return self._intend(FlightMode.HOLD)
 
+    def orbit(self, request: OrbitRequest) -> Ack:
+        if any(abs(place) > FARTHEST_M for place in request.centre_ned_m):
+            return Ack.DENIED
+        if not self.airborne:
+            return self._refuse(FlightMode.ORBIT)
+        self._flight.orbit(request, self.estimate)
+        return self._intend(FlightMode.ORBIT)
+
     def change_speed(self, speed_m_s: float) -> Ack:
         self._flight.cruise_m_s = speed_m_s
         return Ack.ACCEPTED
@@ -217,6 +226,7 @@ class Autopilot:
             self._feel_ground(estimate)
             if self.airborne:
                 self._watch(estimate)
+                self._heed_pilot()
         if not self._arming.armed:
             self._announce_readiness()
             return MotorCommand(False, RELAXED)
@@ -261,6 +271,11 @@ class Autopilot:
             self.announce(Severity.WARNING, cause)
         if self._failsafe.action is Action.TERMINATE:
             self.terminate(", ".join(self._failsafe.causes))
+
+    def _heed_pilot(self) -> None:
+        if self._inputs.pilot_takes(self._mode_now()):
+            self._intend(FlightMode.POSITION)
+            self.announce(Severity.INFO, "Pilot took over using sticks")
 
     # -- small questions -----------------------------------------------------------------------
 
