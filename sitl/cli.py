@@ -84,6 +84,10 @@ def run(
         str | None,
         typer.Option(metavar="LAT,LON[,ALT]", help="Of the start: degrees, metres above the sea."),
     ] = None,
+    param: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="A parameter of the autopilot, many times."),
+    ] = None,
     parameters: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Saved parameters: read now, written when asked to."),
@@ -112,7 +116,7 @@ def run(
         keyring = Keyring(read_key(signing_key), unix_s) if signing_key else None
         saved = ParameterFile(parameters) if parameters else None
         links = [_closed_by(open_things, open_link(url)) for url in mavlink or [DEFAULT_MAVLINK]]
-        simulation = build(room, read_settings(settings, home), seed, camera_rate)
+        simulation = build(room, read_settings(settings, home, param or ()), seed, camera_rate)
         calibration = simulation.camera.calibration
         frames = CameraServer(camera, calibration)
         open_things.callback(frames.close)

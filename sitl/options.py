@@ -11,10 +11,19 @@ from companion.kernel.settings import read_toml
 HOME_KEYS = ("latitude_deg", "longitude_deg", "amsl_m")
 
 
-def read_settings(path: Path | None, home: str | None = None) -> dict[str, Any]:
-    """The plan's [sitl] table from a TOML or JSON file; ``home`` replaces the table's."""
+def read_settings(
+    path: Path | None, home: str | None = None, parameters: Sequence[str] = ()
+) -> dict[str, Any]:
+    """The plan's [sitl] table from a TOML or JSON file; ``home`` replaces the table's.
+
+    ``parameters`` (NAME=VALUE) are set after the table's. Raises PlanError.
+    """
     table = {} if path is None else _read_table(path)
-    return table if home is None else {**table, "home": home_table(home)}
+    if home is not None:
+        table["home"] = home_table(home)
+    if parameters:
+        table["parameters"] = table.get("parameters", {}) | dict(map(parameter, parameters))
+    return table
 
 
 def home_table(text: str) -> dict[str, float]:
@@ -27,6 +36,15 @@ def home_table(text: str) -> dict[str, float]:
     if len(numbers) not in {2, 3}:
         raise PlanError(f"--home {text}: not LAT,LON or LAT,LON,ALT in degrees and metres")
     return dict(zip(HOME_KEYS, numbers, strict=False))
+
+
+def parameter(text: str) -> tuple[str, float]:
+    """NAME=VALUE. Raises PlanError."""
+    name, _, value = text.partition("=")
+    try:
+        return name, float(value)
+    except ValueError:
+        raise PlanError(f"--param {text}: not NAME=VALUE with a number") from None
 
 
 def spread_links(words: Sequence[str]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from msgspec import Meta
+from msgspec import Meta, field
 
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
@@ -51,6 +51,8 @@ class SitlSettings(Settings, frozen=True):
     """A multiple of 50 (control), of 100 (motion capture) and of the camera's rate."""
     wind_ned_m_s: Vector3 = (0.0, 0.0, 0.0)
     home: Origin = Origin()
+    parameters: dict[str, float] = field(default_factory=dict)
+    """Of the autopilot, by PX4's names, from the start on."""
     estimator: EstimatorSettings = EstimatorSettings()
     battery: BatterySettings = BatterySettings()
     camera: CameraSettings = CameraSettings()

@@ -1,6 +1,7 @@
 """The parameters that act, under PX4's names, in PX4's units (degrees where PX4 has them)."""
 
 import math
+from difflib import get_close_matches
 from typing import Final, NamedTuple
 
 Number = float | int
@@ -127,6 +128,16 @@ _OVERALL: Final[dict[str, dict[str, float]]] = {
 
 def default_parameters() -> dict[str, Number]:
     return {name: limits.default for name, limits in PARAMETERS.items()}
+
+
+def parameter_problem(name: str) -> str:
+    """Why ``change_parameter`` refused, in words for a user."""
+    limits = PARAMETERS.get(name)
+    if limits is not None:
+        return f"allowed: {limits.lowest:g} to {limits.highest:g}"
+    near = get_close_matches(name, PARAMETERS, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"this vehicle has no such parameter{hint}"
 
 
 def change_parameter(parameters: dict[str, Number], name: str, value: float) -> bool:
