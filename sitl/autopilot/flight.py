@@ -108,8 +108,9 @@ class Flight:
     def feel_ground(self, estimate: Estimate) -> None:
         lift_norm = self.command.thrust_norm / self._hover_norm
         descent_m_s = self.controller.descent_setpoint_m_s
-        if self._attitude_setpoint() is not None:
-            descent_m_s = _SINKS_M_S if lift_norm < 1.0 else 0.0
+        attitude = self._attitude_setpoint()
+        if attitude is not None:  # what is asked for: at lift-off the thrust given is less
+            descent_m_s = _SINKS_M_S if attitude.thrust_norm < self._hover_norm else 0.0
         self.ground.update(estimate, descent_m_s, lift_norm)
 
     def step(self, estimate: Estimate, mode: FlightMode, may_lift_off: bool) -> AttitudeCommand:

@@ -202,6 +202,10 @@ class AutopilotPort(Protocol):
         """None for where the vehicle is now."""
         ...
 
+    def terminate(self, reason: str) -> None:
+        """Motors off at once, wherever the vehicle is."""
+        ...
+
     def reboot(self) -> Ack:
         """Starts over with the parameters of now; time goes on."""
         ...
