@@ -80,6 +80,11 @@ class Flight:
         self._mode = GoTo(position_ned_m, self._cruise_m_s, yaw_rad)
         self._flown = FlightMode.HOLD
 
+    def hold_anew(self) -> None:
+        """The estimate jumped: a place that was only held is where the vehicle is now."""
+        if isinstance(self._mode, Hold | Land | Position):
+            self._flown = None
+
     def _cruise_m_s(self) -> float:
         asked = self.cruise_m_s == self.cruise_m_s  # not NaN
         return self.cruise_m_s if asked else self._parameters["MPC_XY_CRUISE"]

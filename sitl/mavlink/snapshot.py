@@ -6,11 +6,13 @@ from typing import NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from sitl.autopilot.estimation.quality import Quality
 from sitl.autopilot.interface import Estimate, VehicleStatus
+from sitl.sensors.nature import HOME_AMSL_M as HOME_AMSL_M
+from sitl.sensors.suite import Sensors
 
 HOME_LATITUDE_DEG = 51.9906
 HOME_LONGITUDE_DEG = 4.3768
-HOME_AMSL_M = 10.0
 """Where local (0, 0, 0) is said to be on Earth: a flight hall in Delft. There is no GPS indoors."""
 
 Message: TypeAlias = mavlink.MAVLink_message
@@ -24,6 +26,9 @@ class Snapshot(NamedTuple):
     time_s: float
     """When it is told: since boot, as are all stamps. The estimate may be a little older."""
     parameters: Mapping[str, float | int]
+    sensors: Sensors
+    """Read when they are asked."""
+    quality: Quality
 
     @property
     def boot_ns(self) -> int:
