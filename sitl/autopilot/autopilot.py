@@ -105,6 +105,7 @@ class Autopilot:
         self._vibration.update(estimate)
         self._motors_norm = truth.motors_norm
         self._battery.update(truth.motors_norm, 1.0 / CONTROL_HZ)
+        self._flight.blind = not self._estimator.level_valid
         commander = self._commander
         commander.watch()
         if not commander.armed:

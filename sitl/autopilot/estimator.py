@@ -6,7 +6,12 @@ from typing import Final
 import numpy as np
 
 from sitl.airframe import GRAVITY_M_S2, AirframeState
-from sitl.autopilot.estimation.dead_reckoning import ALL_SENSES, DeadReckoning, Senses
+from sitl.autopilot.estimation.dead_reckoning import (
+    ALL_SENSES,
+    BAROMETER_ERROR_M,
+    DeadReckoning,
+    Senses,
+)
 from sitl.autopilot.estimation.external_vision import ExternalVision
 from sitl.autopilot.estimation.quality import Quality
 from sitl.autopilot.estimation.vision_sample import VisionSample
@@ -91,6 +96,7 @@ class Estimator:
         vision, settings, time_s = self.vision, self._settings, self.estimate.time_s
         level_m, level_m_s = self._walked(time_s)
         yaw_rad = math.radians(settings.yaw_error_deg)
+        height_m = settings.height_error_m if self._senses.range_finder else BAROMETER_ERROR_M
         if vision.level_used_s > -math.inf:
             level_m, level_m_s = vision.level_deviations
         if vision.yaw_used_s > -math.inf:
@@ -100,7 +106,7 @@ class Estimator:
             height_valid=self.height_valid,
             absolute=time_s - vision.level_used_s <= _RECENT_S,
             level_deviation_m=level_m,
-            height_deviation_m=math.hypot(settings.height_error_m, math.sqrt(vision.down.variance)),
+            height_deviation_m=math.hypot(height_m, math.sqrt(vision.down.variance)),
             velocity_deviation_m_s=math.hypot(level_m_s, settings.velocity_noise_m_s),
             tilt_deviation_rad=math.radians(settings.attitude_error_deg),
             yaw_deviation_rad=yaw_rad,

@@ -9,9 +9,9 @@ from sitl.autopilot.control import RELAXED, AttitudeCommand, Controller, Goal
 from sitl.autopilot.ground import GroundDetector, GroundState
 from sitl.autopilot.inputs import Inputs
 from sitl.autopilot.interface import NAN3, AttitudeSetpoint, Estimate, OffboardSetpoint
-from sitl.autopilot.manual import Position
+from sitl.autopilot.manual import Altitude, Position
 from sitl.autopilot.mission_flight import FlyMission
-from sitl.autopilot.modes import GoTo, Hold, Land, Mode, Offboard, TakeOff
+from sitl.autopilot.modes import Descend, GoTo, Hold, Land, Mode, Offboard, TakeOff
 from sitl.autopilot.parameters import Number
 from sitl.autopilot.plans import Plans
 from sitl.autopilot.returning import Return
@@ -40,6 +40,8 @@ class Flight:
         """What the next take-off climbs to."""
         self.cruise_m_s = NAN
         """On the way to a place; NaN for MPC_XY_CRUISE."""
+        self.blind = False
+        """Whether the place is not known; landing then goes straight down."""
         self.stop()
 
     def stop(self) -> None:
@@ -47,7 +49,8 @@ class Flight:
         self.ground.stand()
         self.goal = Goal()
         self.command = RELAXED
-        self._flown: FlightMode | None = None
+        self._flown: tuple[FlightMode, bool] | None = None
+        """The mode, and whether it was begun blind."""
         self._mode: Mode = Hold()
 
     @property
@@ -78,7 +81,7 @@ class Flight:
         if speed_m_s == speed_m_s:  # not NaN
             self.cruise_m_s = speed_m_s
         self._mode = GoTo(position_ned_m, self._cruise_m_s, yaw_rad)
-        self._flown = FlightMode.HOLD
+        self._flown = FlightMode.HOLD, self.blind
 
     def hold_anew(self) -> None:
         """The estimate jumped: a place that was only held is where the vehicle is now."""
@@ -98,9 +101,9 @@ class Flight:
 
     def step(self, estimate: Estimate, mode: FlightMode, may_lift_off: bool) -> AttitudeCommand:
         """What the airframe is to do now to follow ``mode``."""
-        if mode is not self._flown:
+        if (mode, self.blind) != self._flown:
             self._mode = self._begin(mode, estimate)
-            self._flown = mode
+            self._flown = mode, self.blind
         setpoint = self._inputs.setpoint
         if isinstance(self._mode, Offboard) and isinstance(setpoint, OffboardSetpoint):
             self._mode.setpoint = setpoint
@@ -140,13 +143,15 @@ class Flight:
         if mode is FlightMode.TAKEOFF:
             return TakeOff(estimate, self.take_off_height_m, parameters)
         if mode is FlightMode.LAND:
-            return Land(parameters)
+            return Descend(parameters) if self.blind else Land(parameters)
         if mode is FlightMode.OFFBOARD:
             return Offboard(
                 setpoint if isinstance(setpoint, OffboardSetpoint) else OffboardSetpoint()
             )
         if mode is FlightMode.POSITION:
             return Position(self._inputs.sticks, parameters)
+        if mode is FlightMode.ALTITUDE:
+            return Altitude(self._inputs.sticks, parameters)
         if mode is FlightMode.MISSION:
             return FlyMission(self._plans.mission, self.ground, parameters)
         if mode is FlightMode.RTL:

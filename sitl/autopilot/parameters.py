@@ -127,6 +127,8 @@ PARAMETERS: Final[dict[str, Limits]] = {
     "EKF2_NOAID_TOUT": Limits(5_000_000, 500_000, 10_000_000),
     "EKF2_OF_CTRL": Limits(1, 0, 1),
     "EKF2_RNG_CTRL": Limits(1, 0, 2),
+    "COM_POSCTL_NAVL": Limits(0, 0, 1),
+    "MPC_MAN_TILT_MAX": Limits(15.0, 0.0, 90.0),  # instead of 35 degrees: indoors
     "SIM_GPS_USED": Limits(10, 0, 50),
     "SYS_HAS_GPS": Limits(0, 0, 1),  # instead of 1: there is none indoors
     "SYS_HAS_MAG": Limits(1, 0, 1),

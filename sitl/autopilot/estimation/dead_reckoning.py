@@ -12,7 +12,7 @@ from sitl.settings import EstimatorSettings
 
 _DRAWS_PER_UPDATE: Final = 15
 _BLOCK_UPDATES: Final = 256
-_BAROMETER_ERROR_M: Final = 0.15  # of a consumer part indoors: doors, draught, its own heat
+BAROMETER_ERROR_M: Final = 0.15  # of a consumer part indoors: doors, draught, its own heat
 _BAROMETER_TIME_S: Final = 20.0
 _ACCELEROMETER_BIAS_M_S2: Final = 0.03  # what calibration leaves of a consumer part
 _GYRO_BIAS_RAD_S: Final = math.radians(0.1)
@@ -73,7 +73,7 @@ class DeadReckoning:
         self._drift_east_m = 0.0
         # What comes on top when senses fail; drawn only then, from numbers of its own.
         self._spare = rng.spawn(1)[0]
-        self._barometer = _Wander(_BAROMETER_ERROR_M, _BAROMETER_TIME_S, step_s)
+        self._barometer = _Wander(BAROMETER_ERROR_M, _BAROMETER_TIME_S, step_s)
         self._sum_ned_m_s = [0.0, 0.0, 0.0]
         self._height_sum_m = 0.0
         self._turned_rad = 0.0
