@@ -5,8 +5,11 @@ from typing import NamedTuple, Protocol
 
 from companion.kernel.frames import Vector3
 from companion.kernel.messages import NAN, FlightMode, LandedState
+from sitl.autopilot.estimation.quality import Quality
+from sitl.autopilot.estimation.vision_sample import VisionSample
 from sitl.autopilot.mission import MissionProgress
 from sitl.autopilot.plans import Plans
+from sitl.sensors.suite import Sensors
 
 NAN3: Vector3 = (NAN, NAN, NAN)
 
@@ -171,6 +174,18 @@ class AutopilotPort(Protocol):
 
     def set_manual_input(self, sticks: ManualInput) -> None:
         """Stamped likewise; feeds the timer of lost sticks."""
+        ...
+
+    def take_vision(self, sample: VisionSample) -> None:
+        """A pose or velocity that a client has measured; used at the next update."""
+        ...
+
+    @property
+    def sensors(self) -> Sensors: ...
+
+    @property
+    def quality(self) -> Quality:
+        """What the estimator says of its estimate."""
         ...
 
     def hear_ground_station(self) -> None:
