@@ -3,6 +3,7 @@
 import logging
 import math
 from collections import deque
+from collections.abc import Mapping
 from typing import Final, Protocol
 
 import numpy as np
@@ -12,6 +13,7 @@ from companion.kernel.frames import Vector3, quaternion_from_euler
 from companion.kernel.messages import LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
+from sitl.autopilot.parameters import parameter_problem
 from sitl.conditions import LinkConditions, link_rng
 from sitl.hull import (
     CRASH_SPEED_M_S,
@@ -74,6 +76,8 @@ class World:
             settings.estimator,
             settings.battery,
         )
+        self.autopilot.sensors.floor_amsl_m = settings.home.amsl_m
+        self._set_parameters(settings.parameters)
         self._apply_parameters()
         self.link = LinkConditions(settings.link, link_rng(seed))
         """Of the companion's link, whatever carries it."""
@@ -154,6 +158,11 @@ class World:
         command = self.autopilot.update(self._read())
         self.airframe.spin(command.spinning)
         self.airframe.command(*command.attitude)
+
+    def _set_parameters(self, values: Mapping[str, float]) -> None:
+        for name, value in values.items():
+            if not self.autopilot.set_parameter(name, value):
+                raise PlanError(f"sitl.parameters.{name}: {parameter_problem(name)}")
 
     def _physical_parameters(self) -> tuple[float, float, float, float, float]:
         values = self.autopilot.parameters
