@@ -70,6 +70,14 @@ def run(
     settings: Annotated[
         Path | None, typer.Option(help="The plan's [sitl] table, as a TOML or JSON file.")
     ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="JSON",
+            help="What goes wrong, and when: "
+            '{"at_s": 20, "failures": {"optical_flow": "off"}}. May be given many times.',
+        ),
+    ] = None,
     parameters: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Saved parameters: read now, written when asked to."),
@@ -98,7 +106,8 @@ def run(
         keyring = Keyring(read_key(signing_key), unix_s) if signing_key else None
         saved = ParameterFile(parameters) if parameters else None
         links = [_closed_by(open_things, open_link(url)) for url in mavlink or [DEFAULT_MAVLINK]]
-        simulation = build(room, _read_settings(settings), seed, camera_rate)
+        table = _with_events(_read_settings(settings), fault or ())
+        simulation = build(room, table, seed, camera_rate)
         calibration = simulation.camera.calibration
         frames = CameraServer(camera, calibration)
         open_things.callback(frames.close)
@@ -199,6 +208,19 @@ def _read_settings(path: Path | None) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise PlanError(f"{path}: must hold a table, not {type(table).__name__}")
     return table
+
+
+def _with_events(table: dict[str, Any], faults: Sequence[str]) -> dict[str, Any]:
+    events = [_decoded(fault) for fault in faults]
+    return {**table, "events": [*table.get("events", ()), *events]} if events else table
+
+
+def _decoded(fault: str) -> dict[str, Any]:
+    """What acts from the start needs no time."""
+    try:
+        return {"at_s": 0.0, **msgspec.json.decode(fault, type=dict[str, Any])}
+    except msgspec.MsgspecError as error:
+        raise PlanError(f"--fault {fault}: {error}") from error
 
 
 def _spread_links(words: Sequence[str]) -> list[str]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import typer
 
+from companion.kernel.errors import PlanError
 from sitl.faults import Faults, inject
 
 if TYPE_CHECKING:  # the parent's side needs no flight dynamics
@@ -60,5 +61,5 @@ class Parent:
 def _inject(world: "World", line: bytes) -> InjectedLine | RefusedLine:
     try:
         return InjectedLine(inject(world, msgspec.json.decode(line, type=Faults)))
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, PlanError) as error:
         return RefusedLine(str(error))

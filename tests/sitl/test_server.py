@@ -48,6 +48,8 @@ class Ticking:
         while wall_s() < end_s:
             pass
 
+    works = True
+
     def expose(self):
         self.exposures += 1
 
