@@ -45,6 +45,8 @@ class LearnerState(NamedTuple):
 
 
 UNKNOWN = MonoEstimate(math.nan, math.nan)
+MOST_GREY = 255.0
+"""No texton of an image is brighter, darker or steeper."""
 
 
 class Learner:
@@ -189,13 +191,18 @@ def _extractor(settings: LearnerSettings, rng: np.random.Generator) -> Extractor
 
 
 def dictionary_of(state: LearnerState) -> TextonDictionary | None:
-    """The textons in a learner's state, if it has any."""
+    """The textons in a learner's state, if it has any. Raises PlanError for what are none."""
     if "textons.intensity" not in state.arrays:
         return None
-    return TextonDictionary(
-        np.asarray(state.arrays["textons.intensity"], dtype=np.float32),
-        np.asarray(state.arrays["textons.gradient"], dtype=np.float32),
-    )
+    try:
+        found = [state.arrays[f"textons.{kind}"] for kind in TextonDictionary._fields]
+        with np.errstate(all="ignore"):  # judged below
+            textons = TextonDictionary(*(np.asarray(part, dtype=np.float32) for part in found))
+    except (KeyError, TypeError, ValueError) as error:
+        raise PlanError(f"saved model: its textons are not readable: {error}") from error
+    if any(part.ndim != 2 or not (np.abs(part) <= MOST_GREY).all() for part in textons):
+        raise PlanError("saved model: its textons are no patches of an image")
+    return textons
 
 
 def _meaning_of_samples(settings: LearnerSettings) -> dict[str, str | int | float]:
