@@ -91,6 +91,7 @@ class Pipeline:
             stereo_valid_norm=stereo.valid_norm,
             mono_px=mono.mono_px,
             mono_std_px=mono.std_px,
+            mono_novelty=mono.novelty,
         )
 
     def _command(self, stamp_ns: int, goal: Goal, telemetry: Telemetry) -> Verdict:
