@@ -13,8 +13,16 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from companion import gradients, regressors
-from companion.features import Extractor, Features, GradientFeatures, Grey, TextonFeatures
+from companion import regressors
+from companion.features import (
+    OF_VIEWS,
+    EntropyFeatures,
+    Extractor,
+    Features,
+    Grey,
+    TextonFeatures,
+    ViewFeatures,
+)
 from companion.kernel.errors import PlanError
 from companion.kernel.messages import StereoFrame
 from companion.learner_settings import LearnerSettings
@@ -118,7 +126,7 @@ class Learner:
         if self._design.views and map_of and self._observed and self._observed[1] is features:
             image, n_views = self._observed[0], self._design.views
             for view, view_px in views_of(image, map_of(), disparity_px, n_views, self._views_rng):
-                samples.append(gradients.encode(view))
+                samples.append(OF_VIEWS[self._design.features](view))
                 disparities_px.append(view_px)
         self._regressor.partial_fit(np.stack(samples), self._targets(np.array(disparities_px)))
         self._range_px[0] = min(self._range_px[0], disparity_px)
@@ -183,9 +191,11 @@ class Learner:
 
 
 def _extractor(settings: LearnerSettings, rng: np.random.Generator) -> Extractor:
-    if settings.design.features == "gradients":
-        return GradientFeatures()
-    return TextonFeatures(settings.textons, settings.entropy_scale, rng)
+    kind = settings.design.features
+    if kind in OF_VIEWS:
+        return ViewFeatures(kind)
+    of_textons = EntropyFeatures if kind == "entropy" else TextonFeatures
+    return of_textons(settings.textons, settings.entropy_scale, rng)
 
 
 def dictionary_of(state: LearnerState) -> TextonDictionary | None:
@@ -208,7 +218,7 @@ def _meaning_of_samples(settings: LearnerSettings) -> dict[str, str | int | floa
         "learner.eye": settings.eye,
         "learner.label": settings.label,
     }
-    if design.features == "gradients":
+    if design.features in OF_VIEWS:
         return common
     return common | {
         "learner.entropy_scale": settings.entropy_scale,
