@@ -41,7 +41,7 @@ def draw(report: Report) -> Figure:
     if len(sizes) > 1:
         return _draw_curves(report.points)
     if all(_is_dimension(report.points, name) for name in _dimensions(report.points)):
-        return _draw_dimensions(report.points)
+        return _draw_dimensions(report.points, report.question)
     return _draw_list(report.points)
 
 
@@ -90,7 +90,7 @@ def _draw_curves(points: Sequence[Point]) -> Figure:
     return figure
 
 
-def _draw_dimensions(points: Sequence[Point]) -> Figure:
+def _draw_dimensions(points: Sequence[Point], question: str) -> Figure:
     """A column per dimension, a line per split and learner."""
     dimensions = _dimensions(points)
     names = list(dict.fromkeys(_line_name(point) for point in points))
@@ -106,7 +106,8 @@ def _draw_dimensions(points: Sequence[Point]) -> Figure:
                 _draw_line(axes, metric, places, own, colours[name])
             axes.set_xticks(range(len(labels)), [_short(label) for label in labels], fontsize=7)
             _finish(axes, metric)
-        grid[1, column].set_xlabel(_short(dimension), fontsize=8)
+        title = question if dimension == SETTING else _short(dimension)
+        grid[1, column].set_xlabel(title, fontsize=8)
     _legend(figure, colours)
     return figure
 
@@ -131,8 +132,9 @@ def _draw_list(points: Sequence[Point]) -> Figure:
         for number, point in enumerate(points):
             height = names.index(point.name) + 0.16 * (number % 2)
             test, train = metric.of(point.test), metric.of(point.train)
+            reach = None if metric is MSE else test.std
             axes.errorbar(
-                test.mean, height, xerr=test.std, fmt="o", color=colours[point.split], markersize=4
+                test.mean, height, xerr=reach, fmt="o", color=colours[point.split], markersize=4
             )
             axes.plot(train.mean, height, "o", color=colours[point.split], mfc="none", markersize=4)
         axes.set(xlabel=metric.title, xlim=metric.limits)
