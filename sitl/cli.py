@@ -91,6 +91,14 @@ def run(
         list[str] | None,
         typer.Option(metavar="NAME=VALUE", help="A parameter of the autopilot, many times."),
     ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="JSON",
+            help="What goes wrong, and when: "
+            '{"at_s": 20, "failures": {"optical_flow": "off"}}. May be given many times.',
+        ),
+    ] = None,
     parameters: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Saved parameters: read now, written when asked to."),
@@ -120,7 +128,8 @@ def run(
         saved = ParameterFile(parameters) if parameters else None
         urls = mavlink or [DEFAULT_MAVLINK]
         links = [_closed_by(open_things, open_link(url)) for url in urls]
-        simulation = build(room, read_settings(settings, home, param or ()), seed, camera_rate)
+        table = read_settings(settings, home, param or (), fault or ())
+        simulation = build(room, table, seed, camera_rate)
         world = simulation.world
         impair(links, _conditions(urls, world.link, seed), lambda: world.time_s)
         calibration = simulation.camera.calibration
