@@ -30,10 +30,9 @@ logger = logging.getLogger(__name__)
 
 POLL_PERIOD_S = 0.05
 ARM_RETRY_PERIOD_S = 0.5
-ASKED_TIMES = 3
-"""By us; MAVSDK itself sends a command four times, half a second apart, before it gives up."""
-OFFBOARD_TRIES = 3
-"""On a bad link the command may overtake the first setpoint, and is refused then."""
+ASKED_TIMES = OFFBOARD_TRIES = 3
+"""On bad links answers get lost, though MAVSDK itself sends a command four times, and the command
+for offboard mode may overtake the first setpoint."""
 HEIGHT_TOLERANCE_M = 0.3
 ARMED_LAG_S = 2.0
 """`armed` comes with heartbeats at 1 Hz; for this long after arming, a "no" may be old."""
@@ -114,7 +113,13 @@ class MavsdkVehicle:
     async def take_off(self, height_m: float) -> None:
         await _ask("set the take-off height", self._action.set_takeoff_altitude, height_m)
         await self.arm()
-        await _ask("take off", self._action.takeoff)
+        before = self.telemetry().landed_state
+        try:
+            await _ask("take off", self._action.takeoff)
+        except VehicleError:
+            on_ground = LandedState.ON_GROUND
+            if before is not on_ground or self.telemetry().landed_state is on_ground:
+                raise  # else it left the ground, but its answer got lost and asking again was vain
         await self._confirm(
             f"hovering at {height_m:g} m",
             lambda now: _hovers(now, height_m),
@@ -145,7 +150,7 @@ class MavsdkVehicle:
             return
         await _ask("land", self._action.land)
         self._deadman.rest()
-        await self._confirm("disarmed", _is_disarmed, self._settings.land_limit_s)
+        await self._confirm("disarmed", lambda now: not now.armed, self._settings.land_limit_s)
 
     async def _start_offboard(self, setpoint: Setpoint) -> None:
         await _ask("start offboard", self._offboard.start)
@@ -273,10 +278,6 @@ def _hovers(now: Telemetry, height_m: float) -> bool:
         and now.flight_mode is FlightMode.HOLD
         and abs(-now.position_ned_m[2] - height_m) < HEIGHT_TOLERANCE_M
     )
-
-
-def _is_disarmed(now: Telemetry) -> bool:
-    return not now.armed
 
 
 def _reason(error: Exception) -> str:
