@@ -49,6 +49,7 @@ def rig_of(simulation: Simulation) -> Rig:
         LockstepCamera(simulation),
         LockstepClock(simulation),
         LockstepMocap(simulation),
+        patient=True,
     )
 
 
