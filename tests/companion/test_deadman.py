@@ -25,14 +25,14 @@ class Actions:
     def __init__(self, error=None):
         self.asked = []
         self._changed = threading.Condition()
-        self._error = error
+        self.error = error
 
     def _ask(self, name):
         with self._changed:
             self.asked.append(name)
             self._changed.notify_all()
-        if self._error is not None:
-            raise self._error
+        if self.error is not None:
+            raise self.error
 
     def stop(self):
         self._ask("stop")
@@ -44,8 +44,11 @@ class Actions:
         self._ask("land")
 
     def wait_for(self, *names):
+        self.wait_until(lambda asked: asked == list(names))
+
+    def wait_until(self, true_of):
         with self._changed:
-            assert self._changed.wait_for(lambda: self.asked == list(names), LIMIT_S), self.asked
+            assert self._changed.wait_for(lambda: true_of(self.asked), LIMIT_S), self.asked
 
 
 @pytest.fixture
@@ -105,7 +108,18 @@ def test_it_goes_on_when_an_action_fails(watched):
     deadman, actions, clock = watched(QUICK, LinkError("gone"))
     deadman.feed()
     clock.time_s = 0.6
-    actions.wait_for("stop", "hold", "land")
+    actions.wait_until(lambda asked: list(dict.fromkeys(asked)) == ["stop", "hold", "land"])
+
+
+def test_what_failed_is_tried_again_until_it_works(watched):
+    deadman, actions, clock = watched(QUICK, LinkError("gone"))
+    deadman.feed()
+    clock.time_s = 0.6
+    actions.wait_until(lambda asked: asked.count("land") == 2)
+    actions.error = None  # the link is back
+    actions.wait_until(lambda asked: asked.count("land") == 3)
+    threading.Event().wait(0.7)
+    assert actions.asked.count("land") == 3
 
 
 def test_resting_ends_the_watch(watched):
