@@ -12,6 +12,8 @@ from companion.textons import TextonDictionary, TextonEncoder, TextonSettings, T
 Kind = Literal["textons", "gradients"]
 Grey = NDArray[np.uint8]
 Features = NDArray[np.float32]
+ENTROPY = 1
+"""The one feature beside the histogram's bins."""
 
 
 class Extractor(Protocol):
@@ -25,6 +27,11 @@ class Extractor(Protocol):
     @property
     def ready(self) -> bool:
         """True when images become features."""
+        ...
+
+    @property
+    def n_features(self) -> int:
+        """Length of a feature vector."""
         ...
 
     def observe(self, image: Grey, frozen: bool) -> Features | None:
@@ -41,6 +48,7 @@ class GradientFeatures:
 
     dictionary = None
     ready = True
+    n_features = gradients.N_FEATURES
 
     def observe(self, image: Grey, frozen: bool) -> Features | None:
         return gradients.encode(gradients.shrink(image))
@@ -64,6 +72,10 @@ class TextonFeatures:
     @property
     def ready(self) -> bool:
         return self._encoder is not None
+
+    @property
+    def n_features(self) -> int:
+        return self._settings.intensity + self._settings.gradient + ENTROPY
 
     @property
     def dictionary(self) -> TextonDictionary | None:

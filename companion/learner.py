@@ -7,7 +7,7 @@ the target. What it has learned stays when stereo is gone.
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -64,12 +64,12 @@ class Learner:
         if dictionary is not None:
             self._extractor.adopt(dictionary)
         self._views_rng = rng.spawn(1)[0]
-        parameters = regressors.RegressorSettings(
+        self._parameters = regressors.RegressorSettings(
             k=settings.k,
             capacity=settings.capacity,
             seed=int(self._views_rng.integers(2**31)),
         )
-        self._regressor = regressors.make(self._design.regressor, parameters)
+        self._regressor = regressors.make(self._design.regressor, self._parameters)
         self._range_px = np.array([math.inf, -math.inf])
         self._observed: tuple[Grey, Features] | None = None
         self._recent: deque[MonoEstimate] = deque(maxlen=settings.smooth_frames)
@@ -165,6 +165,14 @@ class Learner:
                 raise PlanError(
                     f"saved model was learned with {key} = {learned!r}; the plan says {wanted!r}"
                 )
+        try:
+            self._take(state)
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise PlanError(f"saved model does not fit together: {error}") from error
+        return self
+
+    def _take(self, state: LearnerState) -> None:
+        """Raises whatever the arrays' misfit leads to, now rather than at the first image."""
         dictionary = dictionary_of(state)
         if dictionary is not None:
             self._extractor.adopt(dictionary)
@@ -174,12 +182,35 @@ class Learner:
             for name, values in state.arrays.items()
             if name.startswith(prefix)
         }
-        self._regressor.restore(samples)
-        self._trained = bool(samples)
-        if samples:
-            self._range_px = np.array(state.arrays["range_px"], dtype=np.float64)
         self._recent.clear()
-        return self
+        if not samples:
+            return
+        self._check_arrays(samples)
+        self._regressor.restore(samples)
+        least_px, most_px = (float(value) for value in state.arrays["range_px"])
+        unseen = np.zeros((1, self._extractor.n_features), dtype=np.float32)
+        answer = [float(value[0]) for value in self._regressor.predict(unseen, return_std=True)]
+        if not (least_px <= most_px and math.isfinite(answer[0])):
+            raise ValueError(
+                f"λ from {least_px} to {most_px} px, {answer[0]} px for an empty image"
+            )
+        self._range_px = np.array([least_px, most_px])
+        self._trained = True
+
+    def _check_arrays(self, arrays: Mapping[str, NDArray[np.generic]]) -> None:
+        """Names, kinds and shapes as of a regressor that learned one sample; only rows may be more.
+
+        Raises KeyError or ValueError.
+        """
+        one = regressors.make(self._design.regressor, self._parameters)
+        one.partial_fit(np.zeros((1, self._extractor.n_features), np.float32), np.zeros(1))
+        for name, wanted in one.state().items():
+            found = arrays[name]
+            rows_differ = wanted.shape[:1] == (1,) and found.shape[1:] == wanted.shape[1:]
+            if found.dtype != wanted.dtype or not (rows_differ or found.shape == wanted.shape):
+                raise ValueError(f"{name} of shape {found.shape} and type {found.dtype}")
+            if found.dtype.kind == "f" and not np.isfinite(found).all():
+                raise ValueError(f"{name} is not finite")
 
 
 def _extractor(settings: LearnerSettings, rng: np.random.Generator) -> Extractor:

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable
 
 from companion.flightlog import FlightLogWriter, Topic
+from companion.kernel.clock import Clock
 from companion.kernel.errors import VehicleError
 from companion.kernel.messages import (
     Event,
@@ -16,6 +17,7 @@ from companion.kernel.messages import (
 from companion.kernel.protocols import Rig
 from companion.pipeline import Pipeline, Step
 from companion.safety import Reaction, SafetySettings, react_to_age
+from companion.supervisor import Supervisor
 from companion.truth import TruthRecorder
 
 logger = logging.getLogger(__name__)
@@ -34,6 +36,8 @@ class Heartbeat:
         self.percept_s = now_s
         self.telemetry_s = now_s
         self.telemetry_stamp_ns = -1
+        self.flying = False
+        """Percepts are expected."""
 
     def saw_telemetry(self, telemetry: Telemetry, now_s: float) -> None:
         if telemetry.stamp_ns != self.telemetry_stamp_ns:
@@ -98,6 +102,24 @@ async def watch(
         elif reaction is Reaction.LAND:
             raise VehicleError(f"no new {what} for {ages_s[what]:.1f} s: landing")
         last = reaction
+
+
+async def pulse(
+    clock: Clock,
+    newest: Callable[[], Heartbeat],
+    settings: SafetySettings,
+    supervisor: Supervisor,
+) -> None:
+    """Keeps the service manager's watchdog quiet while the flight moves on.
+
+    Percepts that stay away for longer than it takes to land do not; nor does a blocked loop.
+    """
+    while True:
+        heartbeat = newest()
+        age_s = clock.now_s() - heartbeat.percept_s
+        if not heartbeat.flying or react_to_age(age_s, settings) is not Reaction.LAND:
+            supervisor.alive()
+        await clock.sleep(WATCH_PERIOD_S)
 
 
 class Authority:
