@@ -2,11 +2,12 @@
 
 from typing import Annotated
 
-from msgspec import Meta
+from msgspec import Meta, field
 
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
 from sitl.arena.camera import CameraSettings
+from sitl.mavlink.places import Origin
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
@@ -49,6 +50,9 @@ class SitlSettings(Settings, frozen=True):
     physics_hz: Annotated[int, Meta(ge=250, le=2000)] = 300
     """A multiple of 50 (control), of 100 (motion capture) and of the camera's rate."""
     wind_ned_m_s: Vector3 = (0.0, 0.0, 0.0)
+    home: Origin = Origin()
+    parameters: dict[str, float] = field(default_factory=dict)
+    """Of the autopilot, by PX4's names, from the start on."""
     estimator: EstimatorSettings = EstimatorSettings()
     battery: BatterySettings = BatterySettings()
     camera: CameraSettings = CameraSettings()

@@ -3,6 +3,7 @@
 import logging
 import math
 from collections import deque
+from collections.abc import Mapping
 from typing import Final, Protocol
 
 import numpy as np
@@ -12,6 +13,7 @@ from companion.kernel.frames import Vector3, quaternion_from_euler
 from companion.kernel.messages import LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
+from sitl.autopilot.parameters import parameter_problem
 from sitl.hull import (
     CRASH_SPEED_M_S,
     HULL_RADIUS_M,
@@ -73,6 +75,7 @@ class World:
             settings.estimator,
             settings.battery,
         )
+        self._set_parameters(settings.parameters)
         self._apply_parameters()
         self.mocap: deque[MocapPose] = deque(maxlen=_MOCAP_KEPT)
         self._walls, self._floor = ContactCounter(), ContactCounter()
@@ -151,6 +154,11 @@ class World:
         command = self.autopilot.update(self._read())
         self.airframe.spin(command.spinning)
         self.airframe.command(*command.attitude)
+
+    def _set_parameters(self, values: Mapping[str, float]) -> None:
+        for name, value in values.items():
+            if not self.autopilot.set_parameter(name, value):
+                raise PlanError(f"sitl.parameters.{name}: {parameter_problem(name)}")
 
     def _physical_parameters(self) -> tuple[float, float, float, float, float]:
         values = self.autopilot.parameters

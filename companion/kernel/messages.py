@@ -35,6 +35,7 @@ class FlightMode(StrEnum):
     RTL = "rtl"
     LAND = "land"
     OFFBOARD = "offboard"
+    ORBIT = "orbit"
 
 
 class LandedState(StrEnum):

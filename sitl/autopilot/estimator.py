@@ -31,7 +31,11 @@ class Estimator:
     """Errors start at zero, so that home is where the vehicle stands, and wander from there."""
 
     def __init__(
-        self, settings: EstimatorSettings, update_hz: int, rng: np.random.Generator
+        self,
+        settings: EstimatorSettings,
+        update_hz: int,
+        rng: np.random.Generator,
+        start: AirframeState,
     ) -> None:
         self._settings = settings
         self._rng = rng
@@ -49,6 +53,7 @@ class Estimator:
         self._drift_north_m = 0.0
         self._drift_east_m = 0.0
         self._start_s = 0.0
+        self.estimate = self._estimated(start)
 
     def restart(self, time_s: float) -> None:
         """Begins to settle again; local positions still count from the first start."""
@@ -60,6 +65,10 @@ class Estimator:
 
     def update(self, truth: AirframeState) -> Estimate:
         """The estimate of one moment; to be called at the rate given at the start."""
+        self.estimate = self._estimated(truth)
+        return self.estimate
+
+    def _estimated(self, truth: AirframeState) -> Estimate:
         draw = self._next_draws()
         bias_north = self._bias_north.step(draw[0])
         bias_east = self._bias_east.step(draw[1])

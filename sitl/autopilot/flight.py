@@ -8,10 +8,18 @@ from sitl.autopilot.attitude import attitude_command
 from sitl.autopilot.control import RELAXED, AttitudeCommand, Controller, Goal
 from sitl.autopilot.ground import GroundDetector, GroundState
 from sitl.autopilot.inputs import Inputs
-from sitl.autopilot.interface import NAN3, AttitudeSetpoint, Estimate, OffboardSetpoint
+from sitl.autopilot.interface import (
+    NAN3,
+    AttitudeSetpoint,
+    Estimate,
+    OffboardSetpoint,
+    OrbitRequest,
+    OrbitStatus,
+)
 from sitl.autopilot.manual import Position
 from sitl.autopilot.mission_flight import FlyMission
 from sitl.autopilot.modes import GoTo, Hold, Land, Mode, Offboard, TakeOff
+from sitl.autopilot.orbit import Orbit
 from sitl.autopilot.parameters import Number
 from sitl.autopilot.plans import Plans
 from sitl.autopilot.returning import Return
@@ -47,6 +55,7 @@ class Flight:
         self.ground.stand()
         self.goal = Goal()
         self.command = RELAXED
+        self._orbit: Orbit | None = None
         self._flown: FlightMode | None = None
         self._mode: Mode = Hold()
 
@@ -79,6 +88,18 @@ class Flight:
             self.cruise_m_s = speed_m_s
         self._mode = GoTo(position_ned_m, self._cruise_m_s, yaw_rad)
         self._flown = FlightMode.HOLD
+
+    def orbit(self, request: OrbitRequest, estimate: Estimate) -> None:
+        """From now on, or changes the orbit that is flown."""
+        if self._orbit is None or self._mode is not self._orbit:
+            self._orbit = Orbit(estimate, self._parameters)
+        self._orbit.take(request, estimate)
+        self._mode, self._flown = self._orbit, FlightMode.ORBIT
+
+    @property
+    def orbit_status(self) -> OrbitStatus | None:
+        """None unless one is flown."""
+        return self._mode.status if isinstance(self._mode, Orbit) else None
 
     def _cruise_m_s(self) -> float:
         asked = self.cruise_m_s == self.cruise_m_s  # not NaN
@@ -147,6 +168,8 @@ class Flight:
         if mode is FlightMode.RTL:
             places = (self._plans.home.position_ned_m, *self._plans.rally_ned_m)
             return Return(estimate, places, lambda: parameters["MPC_XY_CRUISE"], parameters)
+        if mode is FlightMode.ORBIT and self._orbit is not None:
+            return self._orbit
         return Hold(self.goal.position_ned_m if self.next_mode is FlightMode.HOLD else NAN3)
 
     def _wants_up(self, estimate: Estimate) -> bool:

@@ -72,6 +72,25 @@ class ManualInput(NamedTuple):
     yaw_norm: float
 
 
+class OrbitRequest(NamedTuple):
+    """NaN, or -1 for the behaviour, leaves a value as it was."""
+
+    radius_m: float = NAN
+    """Positive: clockwise seen from above."""
+    speed_m_s: float = NAN
+    yaw_behaviour: int = -1
+    centre_ned_m: Vector3 = NAN3
+    """The height to fly at is its third."""
+
+
+class OrbitStatus(NamedTuple):
+    """What links report of an orbit."""
+
+    radius_m: float
+    """Signed as in the request."""
+    centre_ned_m: Vector3
+
+
 class Estimate(NamedTuple):
     """The state estimate: truth plus modelled drift and noise."""
 
@@ -112,6 +131,8 @@ class VehicleStatus(NamedTuple):
     home_yaw_rad: float
     gyro_vibration_rad_s: float
     acceleration_vibration_m_s2: float
+    orbit: OrbitStatus | None
+    """None while none is flown."""
 
 
 class AutopilotPort(Protocol):
@@ -167,6 +188,10 @@ class AutopilotPort(Protocol):
 
     def reposition(self, position_ned_m: Vector3, yaw_rad: float, speed_m_s: float) -> Ack:
         """Flies there and holds. NaN: the height or place of now, nose ahead, change_speed's."""
+        ...
+
+    def orbit(self, request: OrbitRequest) -> Ack:
+        """Flies around a place from now on, or changes the orbit that is flown."""
         ...
 
     def change_speed(self, speed_m_s: float) -> Ack:

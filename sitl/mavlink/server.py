@@ -14,9 +14,11 @@ from sitl.mavlink.links import Client, Link
 from sitl.mavlink.missions import MissionProtocol
 from sitl.mavlink.parameter_file import ParameterFile
 from sitl.mavlink.parameters import ParameterProtocol
+from sitl.mavlink.places import Datum, Origin
 from sitl.mavlink.setpoints import FRAMES, attitude_setpoint, manual_input, offboard_setpoint
 from sitl.mavlink.signing import Keyring, Signer
 from sitl.mavlink.snapshot import Snapshot
+from sitl.mavlink.state import heartbeat
 from sitl.mavlink.streams import STREAMS
 from sitl.mavlink.tlog import TelemetryLog
 
@@ -34,26 +36,23 @@ class MavlinkServer:
         autopilot: AutopilotPort,
         links: Sequence[Link],
         log: TelemetryLog | None = None,
-        speed: float = 1.0,
         *,
         camera: CameraDescription | None = None,
         keyring: Keyring | None = None,
         parameter_file: ParameterFile | None = None,
+        origin: Origin | None = None,
     ) -> None:
         """``log`` keeps what the first link sends to its first client and all that it receives;
         closed by ``close``. With a ``keyring`` only signed messages are obeyed.
-
-        ``speed`` is the world's: clients time heartbeats on their own clocks, so a world slower
-        than real time sends more of them.
         """
         self._autopilot = autopilot
+        self._origin = origin or Origin()
         self.links = links
         self._log = log
-        self._heartbeat_us = 1e6 * min(1.0, speed)
         self._keyring = keyring
         self._time_s = autopilot.estimate.time_s
         self._parameters = ParameterProtocol(autopilot, parameter_file)
-        self._missions = MissionProtocol(autopilot)
+        self._missions = MissionProtocol(autopilot, self._origin)
         self._source = _source_of(autopilot)
         self._channels: dict[Client, Channel] = {}
         builders = {message_id: stream.builder for message_id, stream in STREAMS.items()}
@@ -106,21 +105,30 @@ class MavlinkServer:
     def update(self, time_s: float) -> None:
         """Sends what is due at this time of the world; a message is encoded once for all."""
         self._time_s = time_s
-        frames: dict[int, framing.Frame] = {}
+        frames: dict[int, framing.Frame | None] = {}
         now: Snapshot | None = None
         channels = self.channels
         for channel in channels:
             for message_id in channel.schedule.due(time_s):
                 if message_id not in frames:
                     now = now or self._snapshot()
-                    frames[message_id] = framing.encode(STREAMS[message_id].builder(now))
-                channel.put(frames[message_id], self._source, time_s)
+                    message = STREAMS[message_id].builder(now)
+                    frames[message_id] = framing.encode(message) if message else None
+                if (frame := frames[message_id]) is not None:
+                    channel.put(frame, self._source, time_s)
         for message in self._missions.update():
             for channel in channels:
                 self._send(channel, message)
         for text in self._autopilot.drain_status_texts():
             self._put_status_text(text, time_s)
         for channel in channels:
+            channel.flush()
+
+    def beat(self) -> None:
+        """One heartbeat more than is due: for a world whose time stands still."""
+        frame = framing.encode(heartbeat(self._snapshot()))
+        for channel in self.channels:
+            channel.put(frame, self._source, self._time_s)
             channel.flush()
 
     def close(self) -> None:
@@ -135,7 +143,6 @@ class MavlinkServer:
             client,
             link.profile,
             self._time_s,
-            self._heartbeat_us,
             self._autopilot.parameters,
             signer,
         )
@@ -148,7 +155,9 @@ class MavlinkServer:
 
     def _snapshot(self) -> Snapshot:
         autopilot = self._autopilot
-        return Snapshot(autopilot.estimate, autopilot.status, self._time_s, autopilot.parameters)
+        return Snapshot(
+            autopilot.estimate, autopilot.status, self._time_s, autopilot.parameters, self._origin
+        )
 
     def _take(self, link: Link, client: Client, data: bytes) -> None:
         """Who has never sent a sound frame is not a client, however much else it sends."""
@@ -194,7 +203,8 @@ class MavlinkServer:
             self._autopilot.hear_ground_station()
 
     def _on_command(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
-        command, parameters = message.command, commands.parameters_of(message)
+        datum = Datum(self._origin, self._autopilot.plans.home.position_ned_m[2])
+        command, parameters = message.command, commands.parameters_of(message, datum)
         if command == mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
             self._on_reboot(channel, message, parameters)
             return

@@ -6,8 +6,7 @@ from pymavlink.dialects.v20 import development
 from companion.kernel.frames import quaternion_from_euler
 from companion.kernel.messages import NAN
 from sitl.mavlink import modes
-from sitl.mavlink.places import degrees_from_ned
-from sitl.mavlink.snapshot import HOME_AMSL_M, Message, Snapshot, percent
+from sitl.mavlink.snapshot import Message, Snapshot, percent
 
 _PX4_VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255
 _CAPABILITIES = (
@@ -98,7 +97,7 @@ def ping(now: Snapshot) -> Message:
 
 def scaled_pressure(now: Snapshot) -> Message:
     """The standard atmosphere (ISO 2533) at the estimated height."""
-    celsius = _SEA_LEVEL_C - _LAPSE_C_PER_M * (HOME_AMSL_M + now.height_m)
+    celsius = _SEA_LEVEL_C - _LAPSE_C_PER_M * now.amsl_m
     ratio = (celsius + _ZERO_C_K) / (_SEA_LEVEL_C + _ZERO_C_K)
     pressure_hpa = _SEA_LEVEL_HPA * ratio**_BAROMETRIC_EXPONENT
     return mavlink.MAVLink_scaled_pressure_message(
@@ -151,6 +150,22 @@ def mission_current(now: Snapshot) -> Message:
     return mavlink.MAVLink_mission_current_message(*now.status.mission)
 
 
+def orbit_execution_status(now: Snapshot) -> Message | None:
+    """None while none is flown."""
+    orbit = now.status.orbit
+    if orbit is None:
+        return None
+    latitude_deg, longitude_deg = now.origin.degrees(orbit.centre_ned_m)
+    return mavlink.MAVLink_orbit_execution_status_message(
+        now.boot_us,
+        orbit.radius_m,
+        mavlink.MAV_FRAME_GLOBAL,
+        round(latitude_deg * 1e7),
+        round(longitude_deg * 1e7),
+        now.origin.amsl_m - orbit.centre_ned_m[2],
+    )
+
+
 def gps_raw_int(now: Snapshot) -> Message:
     no_fix = mavlink.GPS_FIX_TYPE_NO_FIX
     unknown = (_UNKNOWN_UINT16,) * 4
@@ -159,11 +174,11 @@ def gps_raw_int(now: Snapshot) -> Message:
 
 def home_position(now: Snapshot) -> Message:
     home_ned_m = now.status.home_ned_m
-    latitude_deg, longitude_deg = degrees_from_ned(home_ned_m)
+    latitude_deg, longitude_deg = now.origin.degrees(home_ned_m)
     return mavlink.MAVLink_home_position_message(
         round(latitude_deg * 1e7),
         round(longitude_deg * 1e7),
-        round((HOME_AMSL_M - home_ned_m[2]) * 1e3),
+        round((now.origin.amsl_m - home_ned_m[2]) * 1e3),
         *home_ned_m,
         quaternion_from_euler(0.0, 0.0, now.status.home_yaw_rad),
         NAN,
