@@ -1,7 +1,9 @@
 """The deadman's stages, by the clock; and that a blocked event loop cannot stop it."""
 
 import asyncio
+import sys
 import threading
+from asyncio.subprocess import PIPE
 from pathlib import Path
 
 import pytest
@@ -163,6 +165,46 @@ def test_a_blocked_event_loop_stops_the_vehicle_and_lands_it(tmp_path):
                 assert not vehicle.telemetry().armed
 
     asyncio.run(run())
+
+
+HUNG = """
+import asyncio, ctypes, sys
+from companion.kernel.clock import WallClock
+from companion.kernel.messages import Setpoint
+from companion.vehicle.deadman import DeadmanSettings
+from companion.vehicle.mavsdk_vehicle import MavsdkSettings, MavsdkVehicle
+
+async def run(url, speed):
+    clock = WallClock(speed)
+    settings = MavsdkSettings(deadman=DeadmanSettings(exit_after_s=0.5))
+    async with MavsdkVehicle(url, clock, settings) as vehicle:
+        await vehicle.take_off(1.0)
+        await vehicle.start_offboard(Setpoint(stamp_ns=0))
+        await vehicle.send(Setpoint(stamp_ns=0, velocity_hfrd_m_s=(0.3, 0.0, 0.0)))
+        ctypes.PyDLL(None).sleep(60)  # with Python's lock held, as a bad driver would
+
+asyncio.run(run(sys.argv[1], float(sys.argv[2])))
+"""
+
+
+def test_what_blocks_python_as_a_whole_ends_the_process_and_the_setpoints(tmp_path):
+    speed = 10.0
+    request = SimulationRequest(
+        room=str(ROOM), seed=1, speed=speed, camera_rate_hz=10.0, log_dir=str(tmp_path)
+    )
+
+    async def run():
+        async with launch(request) as endpoints:
+            hung = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-c", HUNG, endpoints.mavlink_url, str(speed)), stderr=PIPE
+            )
+            _, said = await hung.communicate()
+            return hung.returncode, said.decode()
+
+    code, said = asyncio.run(run())
+    assert code == 1
+    assert said.startswith("Timeout (0:00:00.5")
+    assert "in run" in said  # the trace shows where it hung
 
 
 def block_the_event_loop(duration_s):
