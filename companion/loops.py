@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from companion.flightlog import FlightLogWriter, Topic
 from companion.kernel.clock import Clock
-from companion.kernel.errors import VehicleError
+from companion.kernel.errors import CompanionError, VehicleError
 from companion.kernel.messages import (
     Event,
     FlightMode,
@@ -55,13 +55,14 @@ async def fly(
 ) -> None:
     """Frame by frame until the plan is flown.
 
-    Raises VehicleError when the autopilot is no longer ours or safety wants to land.
+    Raises VehicleError when the autopilot is no longer ours or safety wants to land, CompanionError
+    when a frame cannot be worked on.
     """
     authority = Authority()
     async for frame in rig.camera.frames():
         telemetry = rig.vehicle.telemetry()
         heartbeat.saw_telemetry(telemetry, rig.clock.now_s())
-        step = pipeline.step(frame, telemetry)
+        step = _step(pipeline, frame, telemetry)
         if step.decision.phase is Phase.DONE:
             return
         authority.check(telemetry, frame.stamp_ns)
@@ -73,6 +74,18 @@ async def fly(
         truth.record(step.decision.phase)
         observer(step, pipeline)
     raise VehicleError("the camera has no more frames before the plan is flown")
+
+
+def _step(pipeline: Pipeline, frame: StereoFrame, telemetry: Telemetry) -> Step:
+    """One frame on; whatever goes wrong in there, the vehicle has to come down."""
+    try:
+        return pipeline.step(frame, telemetry)
+    except CompanionError:
+        raise
+    except Exception as error:
+        logger.exception("on the frame of %.2f s", frame.stamp_ns * 1e-9)
+        said = f"{type(error).__name__}: {error}"
+        raise CompanionError(f"perceiving and deciding failed: {said}") from error
 
 
 async def watch(
