@@ -23,7 +23,7 @@ LAND_LIMIT_S = 90.0
 LINK_LIMIT_S = 30.0
 """Wall time for a lost link to come back, so that the vehicle can still be told to land."""
 LINK_PERIOD_S = 0.5
-PILOT_MODES = (FlightMode.MANUAL, FlightMode.POSITION)
+PILOT_MODES = (FlightMode.MANUAL, FlightMode.ALTITUDE, FlightMode.POSITION)
 """A human has taken over: nothing is commanded any more."""
 
 

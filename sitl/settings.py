@@ -35,6 +35,8 @@ class EstimatorSettings(Settings, frozen=True):
     gyro_noise_rad_s: NotNegative = 0.002
     accelerometer_noise_m_s2: NotNegative = 0.05
     ready_after_s: NotNegative = 2.0
+    drift_ned_m_s: Vector3 = (0.0, 0.0, 0.0)
+    """A fault: the velocity is wrong by as much all the time, and the position walks away."""
 
 
 class BatterySettings(Settings, frozen=True):

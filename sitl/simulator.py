@@ -75,6 +75,7 @@ class World:
             settings.estimator,
             settings.battery,
         )
+        self.autopilot.sensors.floor_amsl_m = settings.home.amsl_m
         self._set_parameters(settings.parameters)
         self._apply_parameters()
         self.mocap: deque[MocapPose] = deque(maxlen=_MOCAP_KEPT)

@@ -29,6 +29,7 @@ class FlightMode(StrEnum):
     UNKNOWN = "unknown"
     MANUAL = "manual"
     POSITION = "position"
+    ALTITUDE = "altitude"
     TAKEOFF = "takeoff"
     HOLD = "hold"
     MISSION = "mission"

@@ -12,6 +12,8 @@ from sitl.airframe import AirframeState
 from sitl.autopilot.battery import Battery
 from sitl.autopilot.commander import Commander
 from sitl.autopilot.control import RELAXED, MotorCommand
+from sitl.autopilot.estimation.quality import Quality
+from sitl.autopilot.estimation.vision_sample import VisionSample
 from sitl.autopilot.estimator import Estimator
 from sitl.autopilot.flight import Flight
 from sitl.autopilot.home import FARTHEST_M, Home
@@ -31,6 +33,8 @@ from sitl.autopilot.parameters import change_parameter, default_parameters
 from sitl.autopilot.plans import Plans
 from sitl.autopilot.status import StatusBoard
 from sitl.autopilot.vibration import Vibration
+from sitl.failures import Failures
+from sitl.sensors.suite import Sensors
 from sitl.settings import BatterySettings, EstimatorSettings
 
 CONTROL_HZ: Final = 50
@@ -52,7 +56,12 @@ class Autopilot:
         battery: BatterySettings,
     ) -> None:
         self.parameters = default_parameters()
-        self._estimator = Estimator(estimator, CONTROL_HZ, rng, start)
+        self.failures = Failures()
+        self._now_s = now_s
+        self._estimator = Estimator(
+            estimator, CONTROL_HZ, rng, self.parameters, self.failures, start
+        )
+        self.sensors = Sensors(start, self.parameters, self.failures, rng.spawn(1)[0])
         self._home = Home(self.estimate.yaw_rad)
         self._battery = Battery(battery, self.parameters)
         self.plans = Plans(self.parameters, self._home)
@@ -69,6 +78,7 @@ class Autopilot:
             self.plans,
             self._flight,
         )
+        self._resets = 0
         self._motors_norm = start.motors_norm
         self._vibration = Vibration()
         self._board = StatusBoard(
@@ -89,10 +99,14 @@ class Autopilot:
 
     def update(self, truth: AirframeState) -> MotorCommand:
         """One step of everything; ``truth`` is what the sensors are made from."""
+        self.sensors.truth = truth
         estimate = self._estimator.update(truth)
+        if self._estimator.resets != self._resets:
+            self._follow_jump(estimate)
         self._vibration.update(estimate)
         self._motors_norm = truth.motors_norm
         self._battery.update(truth.motors_norm, 1.0 / CONTROL_HZ)
+        self._flight.blind = not self._estimator.level_valid
         commander = self._commander
         commander.watch()
         if not commander.armed:
@@ -101,11 +115,23 @@ class Autopilot:
             True, self._flight.step(estimate, commander.mode, commander.may_lift_off)
         )
 
+    def _follow_jump(self, estimate: Estimate) -> None:
+        """The position jumped to what external vision sees: home and what is held go with it."""
+        self._resets = self._estimator.resets
+        if self._commander.armed:
+            self._flight.hold_anew()
+        else:
+            self._home.move(estimate.position_ned_m, estimate.yaw_rad)
+
     # -- what links ask and command ------------------------------------------------------------
 
     @property
     def status(self) -> VehicleStatus:
         return self._board.status(self._commander.verdict, self._motors_norm)
+
+    @property
+    def quality(self) -> Quality:
+        return self._estimator.quality()
 
     def set_parameter(self, name: str, value: float) -> bool:
         return change_parameter(self.parameters, name, value)
@@ -113,6 +139,10 @@ class Autopilot:
     def set_charge(self, charge_norm: float) -> None:
         """A fault of the battery: its state of charge jumps."""
         self._battery.charge_norm = charge_norm
+
+    def set_drift(self, drift_ned_m_s: Vector3) -> None:
+        """A fault of the estimator: the velocity is wrong by as much from now on."""
+        self._estimator.reckoning.drift_ned_m_s = drift_ned_m_s
 
     def announce(self, severity: Severity, text: str) -> None:
         self._commander.announce(severity, text)
@@ -147,6 +177,9 @@ class Autopilot:
 
     def set_manual_input(self, sticks: ManualInput) -> None:
         self._inputs.take_sticks(sticks)
+
+    def take_vision(self, sample: VisionSample) -> None:
+        self._estimator.take_vision(sample, self._now_s())
 
     def hear_ground_station(self) -> None:
         self._inputs.hear_ground_station()

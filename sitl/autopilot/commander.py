@@ -128,7 +128,7 @@ class Commander:
             return self.land()
         if mode is FlightMode.TAKEOFF:
             return self.take_off(math.nan)
-        if self._readiness.available(mode, self._arming.armed):
+        if self._readiness.available(mode, self._arming.armed, self._estimator.level_valid):
             return self.intend(mode)
         problem = self._readiness.mission_problem() if mode is FlightMode.MISSION else None
         if problem is not None:
@@ -194,7 +194,14 @@ class Commander:
         before = self._failsafe.action
         inside = self._plans.inside_fence(estimate.position_ned_m)
         causes = self._failsafe.update(
-            Situation(self._intended, estimate, self._battery.charge_norm, inside)
+            Situation(
+                self._intended,
+                estimate,
+                self._battery.charge_norm,
+                inside,
+                self._estimator.level_valid,
+                self._intended is FlightMode.OFFBOARD and self._inputs.by_attitude,
+            )
         )
         if (words := self._failsafe.words(before)) is not None:
             self.announce(Severity.CRITICAL, words)

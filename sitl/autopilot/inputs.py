@@ -54,6 +54,11 @@ class Inputs:
         self._ground_station_s = self._now_s()
 
     @property
+    def by_attitude(self) -> bool:
+        """Whether the setpoint is one of attitude."""
+        return isinstance(self.setpoint, AttitudeSetpoint)
+
+    @property
     def setpoint_age_s(self) -> float:
         return self._now_s() - self._setpoint_s
 

@@ -5,8 +5,11 @@ from typing import NamedTuple, Protocol
 
 from companion.kernel.frames import Vector3
 from companion.kernel.messages import NAN, FlightMode, LandedState
+from sitl.autopilot.estimation.quality import Quality
+from sitl.autopilot.estimation.vision_sample import VisionSample
 from sitl.autopilot.mission import MissionProgress
 from sitl.autopilot.plans import Plans
+from sitl.sensors.suite import Sensors
 
 NAN3: Vector3 = (NAN, NAN, NAN)
 
@@ -173,6 +176,18 @@ class AutopilotPort(Protocol):
         """Stamped likewise; feeds the timer of lost sticks."""
         ...
 
+    def take_vision(self, sample: VisionSample) -> None:
+        """A pose or velocity that a client has measured; used at the next update."""
+        ...
+
+    @property
+    def sensors(self) -> Sensors: ...
+
+    @property
+    def quality(self) -> Quality:
+        """What the estimator says of its estimate."""
+        ...
+
     def hear_ground_station(self) -> None:
         """A ground station's heartbeat; feeds the timer of the data link."""
         ...
@@ -200,6 +215,10 @@ class AutopilotPort(Protocol):
 
     def set_home(self, position_ned_m: Vector3 | None) -> Ack:
         """None for where the vehicle is now."""
+        ...
+
+    def terminate(self, reason: str) -> None:
+        """Motors off at once, wherever the vehicle is."""
         ...
 
     def reboot(self) -> Ack:

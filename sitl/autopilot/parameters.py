@@ -116,6 +116,27 @@ PARAMETERS: Final[dict[str, Limits]] = {
     "SIM_BARO_OFF_P": Limits(0.0, -100.0, 100.0),
     "SIM_BARO_OFF_T": Limits(0.0, -80.0, 80.0),
     "SIM_BAT_MIN_PCT": Limits(0.0, 0.0, 100.0),  # instead of 50: flights end in an empty battery
+    # Sensors and estimate. The range finder instead of the barometer holds the height indoors;
+    # 15 instead of 0: who sends motion capture wants it used.
+    "EKF2_BARO_CTRL": Limits(1, 0, 1),
+    "EKF2_EVA_NOISE": Limits(0.1, 0.05, 10.0),
+    "EKF2_EVP_GATE": Limits(5.0, 1.0, 100.0),
+    "EKF2_EVP_NOISE": Limits(0.1, 0.01, 10.0),
+    "EKF2_EVV_GATE": Limits(3.0, 1.0, 100.0),
+    "EKF2_EVV_NOISE": Limits(0.1, 0.01, 10.0),
+    "EKF2_EV_CTRL": Limits(15, 0, 15),
+    "EKF2_EV_DELAY": Limits(0.0, 0.0, 300.0),
+    "EKF2_EV_NOISE_MD": Limits(0, 0, 1),
+    "EKF2_EV_QMIN": Limits(0, 0, 100),
+    "EKF2_HGT_REF": Limits(2, 0, 3),
+    "EKF2_NOAID_TOUT": Limits(5_000_000, 500_000, 10_000_000),
+    "EKF2_OF_CTRL": Limits(1, 0, 1),
+    "EKF2_RNG_CTRL": Limits(1, 0, 2),
+    "COM_POSCTL_NAVL": Limits(0, 0, 1),
+    "MPC_MAN_TILT_MAX": Limits(15.0, 0.0, 90.0),  # instead of 35 degrees: indoors
+    "SIM_GPS_USED": Limits(10, 0, 50),
+    "SYS_HAS_GPS": Limits(0, 0, 1),  # instead of 1: there is none indoors
+    "SYS_HAS_MAG": Limits(1, 0, 1),
 }
 
 

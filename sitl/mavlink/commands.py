@@ -12,9 +12,9 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.frames import Vector3
 from companion.kernel.messages import NAN, FlightMode
-from sitl.autopilot.interface import Ack, AutopilotPort, OrbitRequest
+from sitl.autopilot.interface import Ack, AutopilotPort, OrbitRequest, Severity
 from sitl.mavlink.modes import requested_mode
-from sitl.mavlink.places import Datum
+from sitl.mavlink.places import ABOVE_HOME, Datum
 
 Parameters = tuple[float, float, float, float, float, float, float]
 """param1 to param7 of COMMAND_LONG, or param1 to param4, x, y, z of COMMAND_INT; of a command with
@@ -47,7 +47,7 @@ def parameters_of(message: mavlink.MAVLink_message, datum: Datum) -> Parameters:
     m, placed = message, message.command in _WITH_PLACE
     first = (m.param1, m.param2, m.param3, m.param4)
     if m.get_msgId() == mavlink.MAVLINK_MSG_ID_COMMAND_INT:
-        return (*first, *(_place(m.frame, m.x, m.y, m.z, datum) if placed else (m.x, m.y, m.z)))
+        return (*first, *(_place(_frame(m), m.x, m.y, m.z, datum) if placed else (m.x, m.y, m.z)))
     if not placed:
         return (*first, m.param5, m.param6, m.param7)
     down_m = datum.down_m(mavlink.MAV_FRAME_GLOBAL, m.param7)
@@ -62,6 +62,12 @@ def whole(number: float) -> int:
 def execute(autopilot: AutopilotPort, command: int, parameters: Parameters) -> Ack:
     handler = _HANDLERS.get(command)
     return Ack.UNSUPPORTED if handler is None else handler(autopilot, parameters)
+
+
+def _frame(message: mavlink.MAVLink_message) -> int:
+    """MAVSDK says "relative" of an orbit and means heights above the sea, as PX4 reads them."""
+    orbit = message.command == mavlink.MAV_CMD_DO_ORBIT
+    return int(mavlink.MAV_FRAME_GLOBAL if orbit and message.frame in ABOVE_HOME else message.frame)
 
 
 def _place(frame: int, x: int, y: int, z: float, datum: Datum) -> Vector3:
@@ -82,8 +88,15 @@ def _arm_or_disarm(autopilot: AutopilotPort, p: Parameters) -> Ack:
 
 
 def _take_off(autopilot: AutopilotPort, p: Parameters) -> Ack:
-    """A height of NaN leaves it to MIS_TAKEOFF_ALT."""
-    return autopilot.take_off(-p[6])
+    """NaN leaves the height to MIS_TAKEOFF_ALT; so does one below the ground, as in PX4.
+
+    MAVProxy asks for such: it counts from the ground, not from the sea.
+    """
+    if not -math.inf < -p[6] <= 0.0:
+        return autopilot.take_off(-p[6])
+    height_m = autopilot.parameters["MIS_TAKEOFF_ALT"]
+    autopilot.announce(Severity.CRITICAL, f"Using minimum takeoff altitude: {height_m:.2f} m")
+    return autopilot.take_off()
 
 
 def _land(autopilot: AutopilotPort, _: Parameters) -> Ack:
@@ -93,6 +106,12 @@ def _land(autopilot: AutopilotPort, _: Parameters) -> Ack:
 def _set_mode(autopilot: AutopilotPort, p: Parameters) -> Ack:
     mode = requested_mode(p[0], p[1], p[2])
     return Ack.DENIED if mode is None else autopilot.set_mode(mode)
+
+
+def _terminate(autopilot: AutopilotPort, p: Parameters) -> Ack:
+    if p[0] > 0.5:
+        autopilot.terminate("commanded")
+    return Ack.ACCEPTED
 
 
 def _return_to_launch(autopilot: AutopilotPort, _: Parameters) -> Ack:
@@ -156,6 +175,7 @@ _HANDLERS: Mapping[int, Callable[[AutopilotPort, Parameters], Ack]] = {
     mavlink.MAV_CMD_NAV_LAND: _land,
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: _return_to_launch,
     mavlink.MAV_CMD_NAV_LOITER_UNLIM: _hold,
+    mavlink.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
     mavlink.MAV_CMD_DO_SET_MODE: _set_mode,
     mavlink.MAV_CMD_MISSION_START: _start_mission,
     mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: _set_mission_item,

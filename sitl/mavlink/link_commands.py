@@ -58,9 +58,8 @@ class LinkCommands:
         if message_id not in self._builders:
             return _DENIED
         wanted = (message_id, *_FOLLOWERS.get(message_id, ()))
-        built = [self._builders[number](now) for number in wanted]
-        messages = [message for message in built if message is not None]
-        return Ack.ACCEPTED if messages else Ack.TEMPORARILY_REJECTED, messages
+        messages = [m for number in wanted if (m := self._builders[number](now)) is not None]
+        return (Ack.ACCEPTED, messages) if messages else _DENIED
 
     def _store(self, _channel: Channel, p: Parameters, _now: Snapshot) -> Outcome:
         return self._parameters.store(whole(p[0])), ()

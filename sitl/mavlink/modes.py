@@ -9,6 +9,7 @@ from companion.kernel.messages import FlightMode, LandedState
 _AUTO = 4
 _CUSTOM_MODES: dict[FlightMode, tuple[int, int]] = {
     FlightMode.MANUAL: (1, 0),
+    FlightMode.ALTITUDE: (2, 0),
     FlightMode.POSITION: (3, 0),
     FlightMode.TAKEOFF: (_AUTO, 2),
     FlightMode.HOLD: (_AUTO, 3),
@@ -30,6 +31,7 @@ _STABILIZE = mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
 _AUTO_FLAGS = mavlink.MAV_MODE_FLAG_GUIDED_ENABLED | mavlink.MAV_MODE_FLAG_AUTO_ENABLED | _STABILIZE
 _BASE_FLAGS: dict[FlightMode, int] = {
     FlightMode.MANUAL: mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | _STABILIZE,
+    FlightMode.ALTITUDE: mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | _STABILIZE,
     FlightMode.POSITION: mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | _STABILIZE,
     FlightMode.OFFBOARD: _STABILIZE,
     FlightMode.ORBIT: _STABILIZE,
@@ -39,6 +41,7 @@ NON_STANDARD_MODE = 0
 STANDARD_MODES: dict[FlightMode, int] = {
     FlightMode.POSITION: 1,
     FlightMode.ORBIT: 2,
+    FlightMode.ALTITUDE: 4,
     FlightMode.RTL: 5,
     FlightMode.MISSION: 6,
     FlightMode.LAND: 7,

@@ -21,6 +21,7 @@ from sitl.mavlink.snapshot import Snapshot
 from sitl.mavlink.state import heartbeat
 from sitl.mavlink.streams import STREAMS
 from sitl.mavlink.tlog import TelemetryLog
+from sitl.mavlink.vision import VisionReader
 
 logger = logging.getLogger(__name__)
 
@@ -53,6 +54,7 @@ class MavlinkServer:
         self._time_s = autopilot.estimate.time_s
         self._parameters = ParameterProtocol(autopilot, parameter_file)
         self._missions = MissionProtocol(autopilot, self._origin)
+        self._vision = VisionReader()
         self._source = _source_of(autopilot)
         self._channels: dict[Client, Channel] = {}
         builders = {message_id: stream.builder for message_id, stream in STREAMS.items()}
@@ -73,6 +75,7 @@ class MavlinkServer:
             mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_parameter,
             mavlink.MAVLINK_MSG_ID_PARAM_SET: self._on_parameter,
             **dict.fromkeys(self._missions.handlers, self._on_mission),
+            **dict.fromkeys(self._vision.message_ids, self._on_vision),
         }
 
     def filenos(self) -> list[int]:
@@ -113,7 +116,7 @@ class MavlinkServer:
                 if message_id not in frames:
                     now = now or self._snapshot()
                     message = STREAMS[message_id].builder(now)
-                    frames[message_id] = framing.encode(message) if message else None
+                    frames[message_id] = None if message is None else framing.encode(message)
                 if (frame := frames[message_id]) is not None:
                     channel.put(frame, self._source, time_s)
         for message in self._missions.update():
@@ -156,7 +159,13 @@ class MavlinkServer:
     def _snapshot(self) -> Snapshot:
         autopilot = self._autopilot
         return Snapshot(
-            autopilot.estimate, autopilot.status, self._time_s, autopilot.parameters, self._origin
+            autopilot.estimate,
+            autopilot.status,
+            self._time_s,
+            autopilot.parameters,
+            self._origin,
+            autopilot.sensors,
+            autopilot.quality,
         )
 
     def _take(self, link: Link, client: Client, data: bytes) -> None:
@@ -257,6 +266,11 @@ class MavlinkServer:
     def _on_manual_control(self, _: Channel, message: mavlink.MAVLink_message) -> None:
         if message.target in {0, self._source.system_id}:
             self._autopilot.set_manual_input(manual_input(message))
+
+    def _on_vision(self, _: Channel, message: mavlink.MAVLink_message) -> None:
+        sample = self._vision.read(message)
+        if sample is not None:
+            self._autopilot.take_vision(sample)
 
     def _on_timesync(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
         if message.tc1 == 0:  # a question; anything else answers one

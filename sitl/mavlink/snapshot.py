@@ -6,8 +6,10 @@ from typing import NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from sitl.autopilot.estimation.quality import Quality
 from sitl.autopilot.interface import Estimate, VehicleStatus
 from sitl.mavlink.places import Origin
+from sitl.sensors.suite import Sensors
 
 Message: TypeAlias = mavlink.MAVLink_message
 
@@ -21,6 +23,9 @@ class Snapshot(NamedTuple):
     """When it is told: since boot, as are all stamps. The estimate may be a little older."""
     parameters: Mapping[str, float | int]
     origin: Origin
+    sensors: Sensors
+    """Read when they are asked."""
+    quality: Quality
 
     @property
     def boot_ns(self) -> int:

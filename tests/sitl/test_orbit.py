@@ -122,4 +122,4 @@ def test_it_is_told_while_it_is_flown(fly_mavlink):
     assert flight.acks(mavlink.MAV_CMD_NAV_LOITER_UNLIM) == [Ack.ACCEPTED]
     flight.run(0.1)
     assert "ORBIT_EXECUTION_STATUS" not in {m.get_type() for m in flight.run(2.0)}
-    assert flight.acks(mavlink.MAV_CMD_REQUEST_MESSAGE, 360.0) == [Ack.TEMPORARILY_REJECTED]
+    assert flight.acks(mavlink.MAV_CMD_REQUEST_MESSAGE, 360.0) == [Ack.DENIED]
