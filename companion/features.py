@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion import gradients
+from companion.cells import COLUMNS, ROWS
 from companion.kernel.errors import PlanError
 from companion.textons import TextonDictionary, TextonEncoder, TextonSettings, TextonTrainer
 
 Kind = Literal["textons", "gradients"]
 Grey = NDArray[np.uint8]
 Features = NDArray[np.float32]
-ENTROPY = 1
-"""The one feature beside the histogram's bins."""
 
 
 class Extractor(Protocol):
@@ -29,13 +28,12 @@ class Extractor(Protocol):
         """True when images become features."""
         ...
 
-    @property
-    def n_features(self) -> int:
-        """Length of a feature vector."""
-        ...
-
     def observe(self, image: Grey, frozen: bool) -> Features | None:
         """Features of an image (height, width); None while it can only be learned from."""
+        ...
+
+    def cells(self, image: Grey) -> Features:
+        """Features of each cell of an image alone, (CELLS, n). It must be ready."""
         ...
 
     def adopt(self, dictionary: TextonDictionary) -> None:
@@ -48,10 +46,12 @@ class GradientFeatures:
 
     dictionary = None
     ready = True
-    n_features = gradients.N_FEATURES
 
     def observe(self, image: Grey, frozen: bool) -> Features | None:
         return gradients.encode(gradients.shrink(image))
+
+    def cells(self, image: Grey) -> Features:
+        return gradients.encode_cells(gradients.shrink(image))
 
     def adopt(self, dictionary: TextonDictionary) -> None:
         raise PlanError('learner.dictionary: features "gradients" use no textons')
@@ -74,10 +74,6 @@ class TextonFeatures:
         return self._encoder is not None
 
     @property
-    def n_features(self) -> int:
-        return self._settings.intensity + self._settings.gradient + ENTROPY
-
-    @property
     def dictionary(self) -> TextonDictionary | None:
         return self._encoder.dictionary if self._encoder else None
 
@@ -89,6 +85,11 @@ class TextonFeatures:
             if self._trainer.finished:
                 self.adopt(self._trainer.dictionary)
         return None
+
+    def cells(self, image: Grey) -> Features:
+        if self._encoder is None:
+            raise RuntimeError("cells need a dictionary")
+        return self._encoder.encode_cells(image, ROWS, COLUMNS)
 
     def adopt(self, dictionary: TextonDictionary) -> None:
         textons = self._settings

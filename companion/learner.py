@@ -7,33 +7,41 @@ the target. What it has learned stays when stereo is gone.
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from companion import gradients, regressors
+from companion.estimators import (
+    Arrays,
+    Estimate,
+    Estimator,
+    MapEstimator,
+    MapOf,
+    ScalarEstimator,
+    Seen,
+    part,
+    whole,
+)
 from companion.features import Extractor, Features, GradientFeatures, Grey, TextonFeatures
 from companion.kernel.errors import PlanError
 from companion.kernel.messages import StereoFrame
 from companion.learner_settings import LearnerSettings
+from companion.novelty import Novelty
 from companion.textons import TextonDictionary
-from companion.views import views_of
-
-MapOf = Callable[[], NDArray[np.float32]]
-"""Gives the disparity map (height, width) of the pair just matched, NaN where unmatched."""
-
-LOG_OFFSET_PX, LOG_FLOOR_PX = 0.5, -0.4
-"""log(λ + offset) is learned, of λ no less than the floor; a poor calibration makes λ negative."""
 
 
 class MonoEstimate(NamedTuple):
-    """λ as one eye sees it, averaged over the last frames; NaN while unknown."""
+    """λ as one eye sees it; NaN while unknown."""
 
     mono_px: float
+    """Averaged over the last frames."""
     std_px: float
-    """Spread of the neighbours' targets, averaged over the same frames."""
+    """Averaged over the same frames."""
+    novelty: float
+    """Of the newest frame alone: see companion.novelty."""
+    map_px: NDArray[np.float32] | None = None
+    """λ of each cell (companion.cells) of the newest frame, where ``learner.output`` is "map"."""
 
 
 class LearnerState(NamedTuple):
@@ -44,7 +52,9 @@ class LearnerState(NamedTuple):
     """Settings that the arrays depend on, by their path in a plan."""
 
 
-UNKNOWN = MonoEstimate(math.nan, math.nan)
+UNKNOWN = MonoEstimate(math.nan, math.nan, math.nan)
+MOST_GREY = 255.0
+"""No texton of an image is brighter, darker or steeper."""
 
 
 class Learner:
@@ -58,21 +68,13 @@ class Learner:
     ) -> None:
         self.settings = settings
         self.frozen = False
-        self._trained = False
-        self._design = settings.design
         self._extractor = _extractor(settings, rng)
         if dictionary is not None:
             self._extractor.adopt(dictionary)
-        self._views_rng = rng.spawn(1)[0]
-        self._parameters = regressors.RegressorSettings(
-            k=settings.k,
-            capacity=settings.capacity,
-            seed=int(self._views_rng.integers(2**31)),
-        )
-        self._regressor = regressors.make(self._design.regressor, self._parameters)
-        self._range_px = np.array([math.inf, -math.inf])
-        self._observed: tuple[Grey, Features] | None = None
-        self._recent: deque[MonoEstimate] = deque(maxlen=settings.smooth_frames)
+        self._estimator = _estimator(settings, self._extractor, rng.spawn(1)[0])
+        self._novelty = Novelty()
+        self._observed: Seen | None = None
+        self._recent: deque[Estimate] = deque(maxlen=settings.smooth_frames)
 
     @property
     def ready(self) -> bool:
@@ -90,19 +92,21 @@ class Learner:
     def observe(self, image: Grey) -> Features | None:
         """Features (n_features,) of a raw image; None while the dictionary is being learned."""
         features = self._extractor.observe(image, self.frozen)
-        self._observed = None if features is None else (image, features)
+        self._observed = None if features is None else Seen(features, image)
         return features
 
     def predict(self, features: Features | None) -> MonoEstimate:
         """Estimate of λ, averaged with those of the last frames."""
-        if features is None or not self._trained:
+        if features is None or not self._estimator.trained:
             return UNKNOWN
-        mean, std = self._regressor.predict(features[np.newaxis], return_std=True)
-        self._recent.append(self._in_pixels(float(mean[0]), float(std[0])))
+        newest = self._estimator.estimate(self._seen(features))
+        self._recent.append(newest)
         n_recent = len(self._recent)
         return MonoEstimate(
             sum(estimate.mono_px for estimate in self._recent) / n_recent,
             sum(estimate.std_px for estimate in self._recent) / n_recent,
+            self._novelty.of(features),
+            newest.map_px,
         )
 
     def learn(
@@ -114,30 +118,16 @@ class Learner:
         """
         if self.frozen or features is None or math.isnan(disparity_px):
             return False
-        samples, disparities_px = [features], [disparity_px]
-        if self._design.views and map_of and self._observed and self._observed[1] is features:
-            image, n_views = self._observed[0], self._design.views
-            for view, view_px in views_of(image, map_of(), disparity_px, n_views, self._views_rng):
-                samples.append(gradients.encode(view))
-                disparities_px.append(view_px)
-        self._regressor.partial_fit(np.stack(samples), self._targets(np.array(disparities_px)))
-        self._range_px[0] = min(self._range_px[0], disparity_px)
-        self._range_px[1] = max(self._range_px[1], disparity_px)
-        self._trained = True
+        if not self._estimator.learn(self._seen(features), disparity_px, map_of):
+            return False
+        self._novelty.learn(features)
         return True
 
-    def _targets(self, disparities_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        if self._design.target == "linear":
-            return disparities_px
-        return np.log(np.maximum(disparities_px, LOG_FLOOR_PX) + LOG_OFFSET_PX)
-
-    def _in_pixels(self, mean: float, std: float) -> MonoEstimate:
-        """The regressor's answer as λ, within what stereo has reported so far."""
-        least_px, most_px = self._range_px
-        if self._design.target == "log":
-            mean = math.exp(min(mean, math.log(most_px + 1.0)))
-            mean, std = mean - LOG_OFFSET_PX, mean * std
-        return MonoEstimate(float(min(max(mean, least_px), most_px)), std)
+    def _seen(self, features: Features) -> Seen:
+        """With the image, if it is the one just observed."""
+        if self._observed is not None and self._observed.features is features:
+            return self._observed
+        return Seen(features, None)
 
     def freeze(self) -> None:
         """Nothing is learned from here on."""
@@ -149,12 +139,11 @@ class Learner:
 
     def state(self) -> LearnerState:
         """All that was learned; a dictionary half learned is not part of it."""
-        arrays = {f"regressor.{name}": values for name, values in self._regressor.state().items()}
-        if self.dictionary is not None:
-            textons = self.dictionary._asdict()
-            arrays |= {f"textons.{name}": values for name, values in textons.items()}
-        if self._trained:
-            arrays["range_px"] = self._range_px.copy()
+        arrays = whole(
+            estimator=self._estimator.state(),
+            novelty=self._novelty.state(),
+            textons=self.dictionary._asdict() if self.dictionary is not None else {},
+        )
         return LearnerState(arrays, _meaning_of_samples(self.settings))
 
     def restore(self, state: LearnerState) -> Self:
@@ -165,52 +154,56 @@ class Learner:
                 raise PlanError(
                     f"saved model was learned with {key} = {learned!r}; the plan says {wanted!r}"
                 )
+        dictionary = dictionary_of(state)
         try:
-            self._take(state)
-        except (KeyError, IndexError, TypeError, ValueError) as error:
+            self._take(state, dictionary)
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             raise PlanError(f"saved model does not fit together: {error}") from error
         return self
 
-    def _take(self, state: LearnerState) -> None:
+    def _take(self, state: LearnerState, dictionary: TextonDictionary | None) -> None:
         """Raises whatever the arrays' misfit leads to, now rather than at the first image."""
-        dictionary = dictionary_of(state)
         if dictionary is not None:
             self._extractor.adopt(dictionary)
-        prefix = "regressor."
-        samples = {
-            name.removeprefix(prefix): values
-            for name, values in state.arrays.items()
-            if name.startswith(prefix)
-        }
         self._recent.clear()
-        if not samples:
+        learned = part(state.arrays, "estimator")
+        if not learned:
             return
-        self._check_arrays(samples)
-        self._regressor.restore(samples)
-        least_px, most_px = (float(value) for value in state.arrays["range_px"])
-        unseen = np.zeros((1, self._extractor.n_features), dtype=np.float32)
-        answer = [float(value[0]) for value in self._regressor.predict(unseen, return_std=True)]
-        if not (least_px <= most_px and math.isfinite(answer[0])):
-            raise ValueError(
-                f"λ from {least_px} to {most_px} px, {answer[0]} px for an empty image"
-            )
-        self._range_px = np.array([least_px, most_px])
-        self._trained = True
+        like, seen = _one_lesson(self.settings, dictionary)
+        _refuse_misfits(state.arrays, like)
+        self._estimator.restore(learned)
+        self._novelty = Novelty.restored(part(state.arrays, "novelty"))
+        answer = self._estimator.estimate(seen)
+        if not math.isfinite(answer.mono_px):
+            raise ValueError("an empty image has no λ")
 
-    def _check_arrays(self, arrays: Mapping[str, NDArray[np.generic]]) -> None:
-        """Names, kinds and shapes as of a regressor that learned one sample; only rows may be more.
 
-        Raises KeyError or ValueError.
-        """
-        one = regressors.make(self._design.regressor, self._parameters)
-        one.partial_fit(np.zeros((1, self._extractor.n_features), np.float32), np.zeros(1))
-        for name, wanted in one.state().items():
-            found = arrays[name]
-            rows_differ = wanted.shape[:1] == (1,) and found.shape[1:] == wanted.shape[1:]
-            if found.dtype != wanted.dtype or not (rows_differ or found.shape == wanted.shape):
-                raise ValueError(f"{name} of shape {found.shape} and type {found.dtype}")
-            if found.dtype.kind == "f" and not np.isfinite(found).all():
-                raise ValueError(f"{name} is not finite")
+def _one_lesson(
+    settings: LearnerSettings, dictionary: TextonDictionary | None
+) -> tuple[Arrays, Seen]:
+    """What a learner holds after one empty image, and what it saw."""
+    learner = Learner(settings, np.random.default_rng(0), dictionary)
+    image = np.zeros((96, 128), dtype=np.uint8)
+    features = learner.observe(image)
+    if features is None:
+        raise ValueError("samples without textons")
+    map_px = np.ones(image.shape, dtype=np.float32)
+    learner.learn(features, 1.0, (lambda: map_px) if settings.output == "map" else None)
+    return learner.state().arrays, Seen(features, image)
+
+
+def _refuse_misfits(arrays: Arrays, like: Arrays) -> None:
+    """Names, kinds and shapes must be as in ``like``; only rows may be more.
+
+    Raises KeyError or ValueError.
+    """
+    for name, wanted in like.items():
+        found = arrays[name]
+        rows_differ = wanted.shape[:1] == (1,) and found.shape[1:] == wanted.shape[1:]
+        if found.dtype != wanted.dtype or not (rows_differ or found.shape == wanted.shape):
+            raise ValueError(f"{name} of shape {found.shape} and type {found.dtype}")
+        if found.dtype.kind == "f" and not np.isfinite(found).all():
+            raise ValueError(f"{name} is not finite")
 
 
 def _extractor(settings: LearnerSettings, rng: np.random.Generator) -> Extractor:
@@ -219,14 +212,27 @@ def _extractor(settings: LearnerSettings, rng: np.random.Generator) -> Extractor
     return TextonFeatures(settings.textons, settings.entropy_scale, rng)
 
 
+def _estimator(
+    settings: LearnerSettings, extractor: Extractor, rng: np.random.Generator
+) -> Estimator:
+    if settings.output == "map":
+        return MapEstimator(settings, extractor, rng)
+    return ScalarEstimator(settings, rng)
+
+
 def dictionary_of(state: LearnerState) -> TextonDictionary | None:
-    """The textons in a learner's state, if it has any."""
+    """The textons in a learner's state, if it has any. Raises PlanError for what are none."""
     if "textons.intensity" not in state.arrays:
         return None
-    return TextonDictionary(
-        np.asarray(state.arrays["textons.intensity"], dtype=np.float32),
-        np.asarray(state.arrays["textons.gradient"], dtype=np.float32),
-    )
+    try:
+        found = [state.arrays[f"textons.{kind}"] for kind in TextonDictionary._fields]
+        with np.errstate(all="ignore"):  # judged below
+            textons = TextonDictionary(*(np.asarray(part, dtype=np.float32) for part in found))
+    except (KeyError, TypeError, ValueError) as error:
+        raise PlanError(f"saved model: its textons are not readable: {error}") from error
+    if any(part.ndim != 2 or not (np.abs(part) <= MOST_GREY).all() for part in textons):
+        raise PlanError("saved model: its textons are no patches of an image")
+    return textons
 
 
 def _meaning_of_samples(settings: LearnerSettings) -> dict[str, str | int | float]:
@@ -236,6 +242,7 @@ def _meaning_of_samples(settings: LearnerSettings) -> dict[str, str | int | floa
         "learner.features": design.features,
         "learner.regressor": design.regressor,
         "learner.target": design.target,
+        "learner.output": settings.output,
         "learner.eye": settings.eye,
         "learner.label": settings.label,
     }

@@ -1,6 +1,7 @@
 """Recorded stereo pairs, whatever file or folder holds them."""
 
 from collections.abc import Callable, Iterable, Mapping
+from os.path import exists
 from pathlib import Path
 
 from companion.camera.asl import AslRecording
@@ -19,7 +20,7 @@ OPENERS: Mapping[str, Callable[[Path], Recording]] = {
 
 def open_recording(path: Path) -> Recording:
     """The recording at ``path``. Raises RecordingError."""
-    if not path.exists():
+    if not exists(path):
         raise RecordingError(f"{path}: no such recording")
     suffix = "" if path.is_dir() else path.suffix.lower()
     if suffix not in OPENERS or (suffix == "" and not path.is_dir()):

@@ -58,7 +58,7 @@ def test_the_next_flight_knows_what_the_last_one_learned(fly, preset):
 
 
 def _samples(preset):
-    return "regressor.y" if preset == "paper" else "regressor.1.y"
+    return "estimator.regressor.y" if preset == "paper" else "estimator.regressor.1.y"
 
 
 def test_a_spoilt_model_falls_back_and_one_that_does_not_fit_is_refused(fly):
