@@ -23,7 +23,15 @@ from companion.estimators import (
     part,
     whole,
 )
-from companion.features import Extractor, Features, GradientFeatures, Grey, TextonFeatures
+from companion.features import (
+    OF_VIEWS,
+    EntropyFeatures,
+    Extractor,
+    Features,
+    Grey,
+    TextonFeatures,
+    ViewFeatures,
+)
 from companion.kernel.errors import PlanError
 from companion.kernel.messages import StereoFrame
 from companion.learner_settings import LearnerSettings
@@ -207,9 +215,11 @@ def _refuse_misfits(arrays: Arrays, like: Arrays) -> None:
 
 
 def _extractor(settings: LearnerSettings, rng: np.random.Generator) -> Extractor:
-    if settings.design.features == "gradients":
-        return GradientFeatures()
-    return TextonFeatures(settings.textons, settings.entropy_scale, rng)
+    kind = settings.design.features
+    if kind in OF_VIEWS:
+        return ViewFeatures(kind)
+    of_textons = EntropyFeatures if kind == "entropy" else TextonFeatures
+    return of_textons(settings.textons, settings.entropy_scale, rng)
 
 
 def _estimator(
@@ -246,7 +256,7 @@ def _meaning_of_samples(settings: LearnerSettings) -> dict[str, str | int | floa
         "learner.eye": settings.eye,
         "learner.label": settings.label,
     }
-    if design.features == "gradients":
+    if design.features in OF_VIEWS:
         return common
     return common | {
         "learner.entropy_scale": settings.entropy_scale,

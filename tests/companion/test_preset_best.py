@@ -136,7 +136,7 @@ def test_each_choice_of_the_preset_can_be_made_otherwise():
     [
         ({"features": "gradients", **PAPER}, 'contradicts preset "paper"'),
         ({"target": "log", **PAPER}, "target = log contradicts"),
-        ({"preset": "none", "views": 3}, "with textons it must be 0"),
+        ({"preset": "none", "views": 3}, 'views must be 0 with features "textons"'),
         ({"dictionary": "model.npz"}, 'features "gradients" use no textons'),
     ],
 )
