@@ -101,7 +101,7 @@ def spoilt_states(state):
             yield {**state.arrays, name: next(spoils)(values)}
 
 
-@pytest.mark.parametrize("regressor", sorted(REGRESSORS))
+@pytest.mark.parametrize("regressor", sorted(set(REGRESSORS) - {"cnn"}))  # which needs pixels
 def test_arrays_that_do_not_fit_are_refused_before_the_flight(regressor):
     """Or are harmless: it still gives an answer, and learns on."""
     learner = taught(10, regressor=regressor)
