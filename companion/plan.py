@@ -29,6 +29,8 @@ class LogSettings(Settings, frozen=True):
 
     images: Literal["off", "stereo"] = "off"
     """``stereo`` logs both eyes, about 150 MB for ten minutes at 10 Hz."""
+    model_period_s: Annotated[float, Meta(ge=0, le=3600)] = 30.0
+    """What was learned is saved this often in flight, and at landing; 0: only at landing."""
 
 
 class Plan(Settings, frozen=True):

@@ -57,6 +57,7 @@ def rig_of(simulation: Simulation) -> Rig:
         LockstepCamera(simulation, vehicle.link),
         LockstepClock(simulation),
         LockstepMocap(simulation),
+        patient=True,
     )
 
 
