@@ -66,6 +66,8 @@ class Failures:
 
     def __init__(self) -> None:
         self._kinds: dict[Unit, Kind] = {}
+        self.none = True
+        """Whether all units work; motors are told apart."""
         self.motor_efficiency_norm: tuple[float, float, float, float] = SOUND
         """Thrust that each rotor still makes, over that of a sound one; in PX4's order."""
 
@@ -87,6 +89,7 @@ class Failures:
             self._kinds.pop(Unit(unit), None)
         else:
             self._kinds[Unit(unit)] = Kind(kind)
+        self.none = not self._kinds
         return True
 
     def _inject_motor(self, kind: Kind, instance: int) -> None:
