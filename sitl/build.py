@@ -18,6 +18,7 @@ from sitl.arena.contact import RoomContact
 from sitl.arena.room import load_room
 from sitl.failures import Kind, Unit
 from sitl.follower import Follower
+from sitl.mavlink.places import Origin
 from sitl.settings import SitlSettings
 from sitl.simulator import World
 
@@ -80,9 +81,12 @@ def _pose_at(truth: AirframeState, offset_s: float) -> tuple[Vector3, NDArray[np
 class Simulation:
     """A world and its camera; ``next_frame`` moves time to the next exposure."""
 
-    def __init__(self, world: World, camera: MountedCamera, camera_rate_hz: float) -> None:
+    def __init__(
+        self, world: World, camera: MountedCamera, camera_rate_hz: float, home: Origin
+    ) -> None:
         self.world = world
         self.camera = camera
+        self.home = home
         self._steps = world.whole_steps(camera_rate_hz, "camera rate")
 
     def next_frame(self) -> StereoFrame:
@@ -107,7 +111,7 @@ def build(
     world = World(room, chosen, seed, RoomContact(room))
     model = StereoCameraModel(room, chosen.camera, _rng(seed, CAMERA_STREAM))
     camera = MountedCamera(world, model, _rng(seed, BROKEN_CAMERA_STREAM))
-    return Simulation(world, camera, camera_rate_hz)
+    return Simulation(world, camera, camera_rate_hz, chosen.home)
 
 
 def build_follower(

@@ -8,6 +8,7 @@ from msgspec import Meta, field
 from companion.kernel.errors import PlanError
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
+from sitl.autopilot.parameters import parameter_problem
 from sitl.failures import SUPPORTED, Kind, Unit
 
 if TYPE_CHECKING:  # whoever asks another process for faults needs no flight dynamics
@@ -89,11 +90,8 @@ def check(faults: Faults) -> None:
             raise PlanError(f"failures.{unit}: cannot be {kind!r}; allowed: {names}")
 
 
-def set_parameters(world: "World", values: Mapping[str, float]) -> None:
-    """Raises PlanError for the first that is unknown or out of range."""
+def set_parameters(world: "World", values: Mapping[str, float], where: str = "") -> None:
+    """Raises PlanError for the first that is unknown or out of range; ``where`` they stand."""
     for name, value in values.items():
         if not world.autopilot.set_parameter(name, value):
-            raise PlanError(
-                f"parameters.{name}: {value:g} is not possible, or there is no such parameter; "
-                "see sitl/autopilot/parameters.py"
-            )
+            raise PlanError(f"{where}parameters.{name}: {parameter_problem(name)}")

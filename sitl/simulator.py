@@ -76,6 +76,7 @@ class World:
             settings.estimator,
             settings.battery,
         )
+        self.autopilot.sensors.floor_amsl_m = settings.home.amsl_m
         self.surroundings = Surroundings(
             self.airframe,
             self.autopilot,
@@ -101,7 +102,7 @@ class World:
 
     def _begin(self, settings: SitlSettings) -> None:
         """What the plan wants from the start; what it wants later is checked now."""
-        set_parameters(self, settings.parameters)
+        set_parameters(self, settings.parameters, "sitl.")
         inject(self, settings.faults)
         for event in settings.events:
             check(event)

@@ -36,6 +36,7 @@ class FlightMode(StrEnum):
     RTL = "rtl"
     LAND = "land"
     OFFBOARD = "offboard"
+    ORBIT = "orbit"
 
 
 class LandedState(StrEnum):

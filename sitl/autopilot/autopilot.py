@@ -24,6 +24,7 @@ from sitl.autopilot.interface import (
     Estimate,
     ManualInput,
     OffboardSetpoint,
+    OrbitRequest,
     Severity,
     StatusText,
     VehicleStatus,
@@ -200,6 +201,14 @@ class Autopilot:
             return self._commander.refuse(FlightMode.HOLD)
         self._flight.reposition(position_ned_m, yaw_rad, speed_m_s)
         return self._commander.intend(FlightMode.HOLD)
+
+    def orbit(self, request: OrbitRequest) -> Ack:
+        if any(abs(place) > FARTHEST_M for place in request.centre_ned_m):
+            return Ack.DENIED
+        if not self.airborne:
+            return self._commander.refuse(FlightMode.ORBIT)
+        self._flight.orbit(request, self.estimate)
+        return self._commander.intend(FlightMode.ORBIT)
 
     def change_speed(self, speed_m_s: float) -> Ack:
         self._flight.cruise_m_s = speed_m_s

@@ -171,6 +171,7 @@ class Commander:
             self._feel_ground(self._estimator.estimate)
             if self._flight.airborne:
                 self._judge(self._estimator.estimate)
+                self._heed_pilot()
         if self._arming.armed:
             self._go_on()
         else:
@@ -208,6 +209,11 @@ class Commander:
             self.announce(Severity.WARNING, cause)
         if self._failsafe.action is Action.TERMINATE:
             self.terminate(", ".join(self._failsafe.causes))
+
+    def _heed_pilot(self) -> None:
+        if self._inputs.pilot_takes(self.mode):
+            self.intend(FlightMode.POSITION)
+            self.announce(Severity.INFO, "Pilot took over using sticks")
 
     def _go_on(self) -> None:
         """Enters the mode that follows on a take-off or a mission, once that is done."""

@@ -8,10 +8,18 @@ from sitl.autopilot.attitude import attitude_command
 from sitl.autopilot.control import RELAXED, AttitudeCommand, Controller, Goal
 from sitl.autopilot.ground import GroundDetector, GroundState
 from sitl.autopilot.inputs import Inputs
-from sitl.autopilot.interface import NAN3, AttitudeSetpoint, Estimate, OffboardSetpoint
+from sitl.autopilot.interface import (
+    NAN3,
+    AttitudeSetpoint,
+    Estimate,
+    OffboardSetpoint,
+    OrbitRequest,
+    OrbitStatus,
+)
 from sitl.autopilot.manual import Altitude, Position
 from sitl.autopilot.mission_flight import FlyMission
 from sitl.autopilot.modes import Descend, GoTo, Hold, Land, Mode, Offboard, TakeOff
+from sitl.autopilot.orbit import Orbit
 from sitl.autopilot.parameters import Number
 from sitl.autopilot.plans import Plans
 from sitl.autopilot.returning import Return
@@ -49,6 +57,7 @@ class Flight:
         self.ground.stand()
         self.goal = Goal()
         self.command = RELAXED
+        self._orbit: Orbit | None = None
         self._flown: tuple[FlightMode, bool] | None = None
         """The mode, and whether it was begun blind."""
         self._mode: Mode = Hold()
@@ -88,6 +97,18 @@ class Flight:
         if isinstance(self._mode, Hold | Land | Position):
             self._flown = None
 
+    def orbit(self, request: OrbitRequest, estimate: Estimate) -> None:
+        """From now on, or changes the orbit that is flown."""
+        if self._orbit is None or self._mode is not self._orbit:
+            self._orbit = Orbit(estimate, self._parameters)
+        self._orbit.take(request, estimate)
+        self._mode, self._flown = self._orbit, (FlightMode.ORBIT, self.blind)
+
+    @property
+    def orbit_status(self) -> OrbitStatus | None:
+        """None unless one is flown."""
+        return self._mode.status if isinstance(self._mode, Orbit) else None
+
     def _cruise_m_s(self) -> float:
         asked = self.cruise_m_s == self.cruise_m_s  # not NaN
         return self.cruise_m_s if asked else self._parameters["MPC_XY_CRUISE"]
@@ -95,8 +116,9 @@ class Flight:
     def feel_ground(self, estimate: Estimate) -> None:
         lift_norm = self.command.thrust_norm / self._hover_norm
         descent_m_s = self.controller.descent_setpoint_m_s
-        if self._attitude_setpoint() is not None:
-            descent_m_s = _SINKS_M_S if lift_norm < 1.0 else 0.0
+        attitude = self._attitude_setpoint()
+        if attitude is not None:  # what is asked for: at lift-off the thrust given is less
+            descent_m_s = _SINKS_M_S if attitude.thrust_norm < self._hover_norm else 0.0
         self.ground.update(estimate, descent_m_s, lift_norm)
 
     def step(self, estimate: Estimate, mode: FlightMode, may_lift_off: bool) -> AttitudeCommand:
@@ -157,6 +179,8 @@ class Flight:
         if mode is FlightMode.RTL:
             places = (self._plans.home.position_ned_m, *self._plans.rally_ned_m)
             return Return(estimate, places, lambda: parameters["MPC_XY_CRUISE"], parameters)
+        if mode is FlightMode.ORBIT and self._orbit is not None:
+            return self._orbit
         return Hold(self.goal.position_ned_m if self.next_mode is FlightMode.HOLD else NAN3)
 
     def _wants_up(self, estimate: Estimate) -> bool:

@@ -75,6 +75,25 @@ class ManualInput(NamedTuple):
     yaw_norm: float
 
 
+class OrbitRequest(NamedTuple):
+    """NaN, or -1 for the behaviour, leaves a value as it was."""
+
+    radius_m: float = NAN
+    """Positive: clockwise seen from above."""
+    speed_m_s: float = NAN
+    yaw_behaviour: int = -1
+    centre_ned_m: Vector3 = NAN3
+    """The height to fly at is its third."""
+
+
+class OrbitStatus(NamedTuple):
+    """What links report of an orbit."""
+
+    radius_m: float
+    """Signed as in the request."""
+    centre_ned_m: Vector3
+
+
 class Estimate(NamedTuple):
     """The state estimate: truth plus modelled drift and noise."""
 
@@ -115,6 +134,8 @@ class VehicleStatus(NamedTuple):
     home_yaw_rad: float
     gyro_vibration_rad_s: float
     acceleration_vibration_m_s2: float
+    orbit: OrbitStatus | None
+    """None while none is flown."""
 
 
 class AutopilotPort(Protocol):
@@ -188,12 +209,20 @@ class AutopilotPort(Protocol):
         """Flies there and holds. NaN: the height or place of now, nose ahead, change_speed's."""
         ...
 
+    def orbit(self, request: OrbitRequest) -> Ack:
+        """Flies around a place from now on, or changes the orbit that is flown."""
+        ...
+
     def change_speed(self, speed_m_s: float) -> Ack:
         """Over ground, on the way to a place; NaN goes back to MPC_XY_CRUISE."""
         ...
 
     def set_home(self, position_ned_m: Vector3 | None) -> Ack:
         """None for where the vehicle is now."""
+        ...
+
+    def terminate(self, reason: str) -> None:
+        """Motors off at once, wherever the vehicle is."""
         ...
 
     def reboot(self) -> Ack:

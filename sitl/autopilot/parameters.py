@@ -1,6 +1,7 @@
 """The parameters that act, under PX4's names, in PX4's units (degrees where PX4 has them)."""
 
 import math
+from difflib import get_close_matches
 from typing import Final, NamedTuple
 
 Number = float | int
@@ -71,6 +72,8 @@ PARAMETERS: Final[dict[str, Limits]] = {
     "MPC_Z_VEL_MAX_DN": Limits(1.5, 0.5, 4.0),
     "MPC_Z_VEL_MAX_UP": Limits(1.5, 0.5, 8.0),
     "MPC_Z_VEL_P_ACC": Limits(4.0, 2.0, 15.0),
+    "MC_ORBIT_RAD_MAX": Limits(1000.0, 1.0, 10_000.0),
+    "MC_ORBIT_YAW_MOD": Limits(0, 0, 4),
     "MC_PITCHRATE_K": Limits(1.0, 0.01, 5.0),
     "MC_ROLLRATE_K": Limits(1.0, 0.01, 5.0),
     "MC_YAWRATE_K": Limits(1.0, 0.0, 5.0),
@@ -94,6 +97,8 @@ PARAMETERS: Final[dict[str, Limits]] = {
     "COM_FAIL_ACT_T": Limits(5.0, 0.0, 25.0),
     "COM_RC_IN_MODE": Limits(3, 0, 8),
     "COM_RC_LOSS_T": Limits(0.5, 0.0, 35.0),
+    "COM_RC_OVERRIDE": Limits(1, 0, 3),
+    "COM_RC_STICK_OV": Limits(30.0, 5.0, 80.0),
     "COM_RCL_EXCEPT": Limits(0, 0, 31),
     # 0.1 instead of 0.3 s: what tumbles turns over once in 0.4 s, and falls from 2 m in 0.6 s.
     "FD_FAIL_P": Limits(60, 0, 180),
@@ -148,6 +153,16 @@ _OVERALL: Final[dict[str, dict[str, float]]] = {
 
 def default_parameters() -> dict[str, Number]:
     return {name: limits.default for name, limits in PARAMETERS.items()}
+
+
+def parameter_problem(name: str) -> str:
+    """Why ``change_parameter`` refused, in words for a user."""
+    limits = PARAMETERS.get(name)
+    if limits is not None:
+        return f"allowed: {limits.lowest:g} to {limits.highest:g}"
+    near = get_close_matches(name, PARAMETERS, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"this vehicle has no such parameter{hint}"
 
 
 def change_parameter(parameters: dict[str, Number], name: str, value: float) -> bool:

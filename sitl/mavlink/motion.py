@@ -6,13 +6,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.frames import quaternion_from_euler
 from companion.kernel.messages import NAN
-from sitl.mavlink.places import degrees_from_ned
-from sitl.mavlink.snapshot import (
-    HOME_AMSL_M,
-    Message,
-    Snapshot,
-    percent,
-)
+from sitl.mavlink.snapshot import Message, Snapshot, percent
 
 
 def attitude(now: Snapshot) -> Message:
@@ -36,12 +30,12 @@ def local_position_ned(now: Snapshot) -> Message:
 
 
 def global_position_int(now: Snapshot) -> Message:
-    latitude_deg, longitude_deg = degrees_from_ned(now.estimate.position_ned_m)
+    latitude_deg, longitude_deg = now.origin.degrees(now.estimate.position_ned_m)
     return mavlink.MAVLink_global_position_int_message(
         now.boot_ms,
         round(latitude_deg * 1e7),
         round(longitude_deg * 1e7),
-        round((HOME_AMSL_M + now.height_m) * 1e3),
+        round(now.amsl_m * 1e3),
         round(now.height_over_home_m * 1e3),
         *(round(v * 100) for v in now.estimate.velocity_ned_m_s),
         round(_heading_deg(now) * 100) % 36000,
@@ -49,7 +43,7 @@ def global_position_int(now: Snapshot) -> Message:
 
 
 def altitude(now: Snapshot) -> Message:
-    amsl_m, height_m = HOME_AMSL_M + now.height_m, now.height_m
+    amsl_m, height_m = now.amsl_m, now.height_m
     return mavlink.MAVLink_altitude_message(
         now.boot_us, amsl_m, amsl_m, height_m, now.height_over_home_m, NAN, height_m
     )
@@ -63,7 +57,7 @@ def vfr_hud(now: Snapshot) -> Message:
         speed_m_s,
         round(_heading_deg(now)) % 360,
         percent(now.status.thrust_norm, unknown=0),
-        HOME_AMSL_M + now.height_m,
+        now.amsl_m,
         -down_m_s,
     )
 

@@ -7,8 +7,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.frames import Vector3, quaternion_from_euler
 from companion.kernel.messages import NAN
-from sitl.mavlink.places import degrees_from_ned
-from sitl.mavlink.snapshot import HOME_AMSL_M, Message, Snapshot
+from sitl.mavlink.snapshot import Message, Snapshot
 from sitl.sensors.nature import height_amsl_m
 from sitl.sensors.suite import FLOW_PERIOD_S
 
@@ -111,7 +110,7 @@ def gps_raw_int(now: Snapshot) -> Message:
         unknown = (_UNKNOWN_UINT16,) * 4
         no_fix = mavlink.GPS_FIX_TYPE_NO_FIX
         return mavlink.MAVLink_gps_raw_int_message(now.boot_us, no_fix, 0, 0, 0, *unknown, 0)
-    latitude_deg, longitude_deg = degrees_from_ned(fix.position_ned_m)
+    latitude_deg, longitude_deg = now.origin.degrees(fix.position_ned_m)
     v_north, v_east, _ = fix.velocity_ned_m_s
     course_deg = math.degrees(math.atan2(v_east, v_north)) % 360.0
     return mavlink.MAVLink_gps_raw_int_message(
@@ -119,7 +118,7 @@ def gps_raw_int(now: Snapshot) -> Message:
         mavlink.GPS_FIX_TYPE_3D_FIX,
         round(latitude_deg * 1e7),
         round(longitude_deg * 1e7),
-        round((HOME_AMSL_M - fix.position_ned_m[2]) * 1e3),
+        round((now.origin.amsl_m - fix.position_ned_m[2]) * 1e3),
         90,  # dilution of precision, in hundredths: an open sky
         90,
         round(math.hypot(v_north, v_east) * 100),

@@ -14,9 +14,11 @@ from sitl.mavlink.links import Client, Link
 from sitl.mavlink.missions import MissionProtocol
 from sitl.mavlink.parameter_file import ParameterFile
 from sitl.mavlink.parameters import ParameterProtocol
+from sitl.mavlink.places import Datum, Origin
 from sitl.mavlink.setpoints import FRAMES, attitude_setpoint, manual_input, offboard_setpoint
 from sitl.mavlink.signing import Keyring, Signer
 from sitl.mavlink.snapshot import Snapshot
+from sitl.mavlink.state import heartbeat
 from sitl.mavlink.streams import STREAMS
 from sitl.mavlink.tlog import TelemetryLog
 from sitl.mavlink.vision import VisionReader
@@ -35,26 +37,23 @@ class MavlinkServer:
         autopilot: AutopilotPort,
         links: Sequence[Link],
         log: TelemetryLog | None = None,
-        speed: float = 1.0,
         *,
         camera: CameraDescription | None = None,
         keyring: Keyring | None = None,
         parameter_file: ParameterFile | None = None,
+        origin: Origin | None = None,
     ) -> None:
         """``log`` keeps what the first link sends to its first client and all that it receives;
         closed by ``close``. With a ``keyring`` only signed messages are obeyed.
-
-        ``speed`` is the world's: clients time heartbeats on their own clocks, so a world slower
-        than real time sends more of them.
         """
         self._autopilot = autopilot
+        self._origin = origin or Origin()
         self.links = links
         self._log = log
-        self._heartbeat_us = 1e6 * min(1.0, speed)
         self._keyring = keyring
         self._time_s = autopilot.estimate.time_s
         self._parameters = ParameterProtocol(autopilot, parameter_file)
-        self._missions = MissionProtocol(autopilot)
+        self._missions = MissionProtocol(autopilot, self._origin)
         self._vision = VisionReader()
         self._source = _source_of(autopilot)
         self._channels: dict[Client, Channel] = {}
@@ -128,6 +127,13 @@ class MavlinkServer:
         for channel in channels:
             channel.flush()
 
+    def beat(self) -> None:
+        """One heartbeat more than is due: for a world whose time stands still."""
+        frame = framing.encode(heartbeat(self._snapshot()))
+        for channel in self.channels:
+            channel.put(frame, self._source, self._time_s)
+            channel.flush()
+
     def close(self) -> None:
         for link in self.links:
             link.close()
@@ -140,7 +146,6 @@ class MavlinkServer:
             client,
             link.profile,
             self._time_s,
-            self._heartbeat_us,
             self._autopilot.parameters,
             signer,
         )
@@ -158,6 +163,7 @@ class MavlinkServer:
             autopilot.status,
             self._time_s,
             autopilot.parameters,
+            self._origin,
             autopilot.sensors,
             autopilot.quality,
         )
@@ -206,7 +212,8 @@ class MavlinkServer:
             self._autopilot.hear_ground_station()
 
     def _on_command(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
-        command, parameters = message.command, commands.parameters_of(message)
+        datum = Datum(self._origin, self._autopilot.plans.home.position_ned_m[2])
+        command, parameters = message.command, commands.parameters_of(message, datum)
         if command == mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
             self._on_reboot(channel, message, parameters)
             return

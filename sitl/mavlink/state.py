@@ -7,8 +7,7 @@ from companion.kernel.frames import quaternion_from_euler
 from companion.kernel.messages import NAN
 from sitl.failures import Unit
 from sitl.mavlink import modes
-from sitl.mavlink.places import degrees_from_ned
-from sitl.mavlink.snapshot import HOME_AMSL_M, Message, Snapshot, percent
+from sitl.mavlink.snapshot import Message, Snapshot, percent
 
 _PX4_VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255
 _CAPABILITIES = (
@@ -133,13 +132,29 @@ def mission_current(now: Snapshot) -> Message:
     return mavlink.MAVLink_mission_current_message(*now.status.mission)
 
 
+def orbit_execution_status(now: Snapshot) -> Message | None:
+    """None while none is flown."""
+    orbit = now.status.orbit
+    if orbit is None:
+        return None
+    latitude_deg, longitude_deg = now.origin.degrees(orbit.centre_ned_m)
+    return mavlink.MAVLink_orbit_execution_status_message(
+        now.boot_us,
+        orbit.radius_m,
+        mavlink.MAV_FRAME_GLOBAL,
+        round(latitude_deg * 1e7),
+        round(longitude_deg * 1e7),
+        now.origin.amsl_m - orbit.centre_ned_m[2],
+    )
+
+
 def home_position(now: Snapshot) -> Message:
     home_ned_m = now.status.home_ned_m
-    latitude_deg, longitude_deg = degrees_from_ned(home_ned_m)
+    latitude_deg, longitude_deg = now.origin.degrees(home_ned_m)
     return mavlink.MAVLink_home_position_message(
         round(latitude_deg * 1e7),
         round(longitude_deg * 1e7),
-        round((HOME_AMSL_M - home_ned_m[2]) * 1e3),
+        round((now.origin.amsl_m - home_ned_m[2]) * 1e3),
         *home_ned_m,
         quaternion_from_euler(0.0, 0.0, now.status.home_yaw_rad),
         NAN,

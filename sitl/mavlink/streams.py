@@ -45,6 +45,7 @@ STREAMS: Final[Mapping[int, Stream]] = {
     mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: Stream(sensing.gps_raw_int, 8.0, 5.0),
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: Stream(state.sys_status, 5.0, 1.0),
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Stream(state.extended_sys_state, 5.0, 1.0),
+    mavlink.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS: Stream(state.orbit_execution_status, 2.0, 2.0),
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: Stream(state.system_time, 1.0, 0.0),
     mavlink.MAVLINK_MSG_ID_PING: Stream(state.ping, 1.0, 0.1),
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: Stream(sensing.estimator_status, 1.0, 0.5),
@@ -65,14 +66,14 @@ _CLOCK_TOLERANCE_S = 1e-6
 class Schedule:
     """The periods of one client's messages; only heartbeats until ``start``."""
 
-    def __init__(self, profile: Profile, time_s: float, heartbeat_us: float = 1e6) -> None:
+    def __init__(self, profile: Profile, time_s: float) -> None:
         self._profile = profile
         self._period_s: dict[int, float] = {}
         self._due_s: dict[int, float] = {}
         self._chosen: set[int] = set()
         self._started = False
         self._soonest_s = float("inf")
-        self.set_interval(mavlink.MAVLINK_MSG_ID_HEARTBEAT, heartbeat_us, time_s)
+        self.set_interval(mavlink.MAVLINK_MSG_ID_HEARTBEAT, 0.0, time_s)
 
     def start(self, time_s: float) -> None:
         """All streams of the profile whose rates were not asked for yet."""

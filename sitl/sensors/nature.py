@@ -6,9 +6,6 @@ from typing import Final, NamedTuple
 from companion.kernel.frames import Vector3, matrix_from_euler
 from sitl.airframe import AirframeState
 
-HOME_AMSL_M: Final = 10.0
-"""Of the floor at the start."""
-
 SEA_LEVEL_PA: Final = 101_325.0
 _SEA_LEVEL_K: Final = 288.15
 _LAPSE_K_PER_M: Final = 0.0065
@@ -22,9 +19,9 @@ class Air(NamedTuple):
     temperature_k: float
 
 
-def air_at(height_m: float) -> Air:
-    """The standard atmosphere (ISO 2533) so far above the floor at the start."""
-    temperature_k = _SEA_LEVEL_K - _LAPSE_K_PER_M * (HOME_AMSL_M + height_m)
+def air_at(amsl_m: float) -> Air:
+    """The standard atmosphere (ISO 2533) so far above the sea."""
+    temperature_k = _SEA_LEVEL_K - _LAPSE_K_PER_M * amsl_m
     ratio = temperature_k / _SEA_LEVEL_K
     return Air(SEA_LEVEL_PA * ratio**_BAROMETRIC_EXPONENT, temperature_k)
 

@@ -60,6 +60,8 @@ class Sensors:
         rng: np.random.Generator,
     ) -> None:
         self.truth = truth
+        self.floor_amsl_m = 0.0
+        """At the start: what the barometer feels besides the vehicle's height."""
         self._parameters = parameters
         self._failures = failures
         self._rng = rng
@@ -124,7 +126,7 @@ class Sensors:
     # -- sound ---------------------------------------------------------------------------------
 
     def _air(self) -> Air:
-        pressure_pa, temperature_k = air_at(-self.truth.position_ned_m[2])
+        pressure_pa, temperature_k = air_at(self.floor_amsl_m - self.truth.position_ned_m[2])
         return Air(pressure_pa + _PRESSURE_NOISE_PA * self._rng.standard_normal(), temperature_k)
 
     def _field(self) -> Vector3:
