@@ -79,7 +79,8 @@ class Failures:
 
     def inject(self, unit: int, kind: int, instance: int = 0) -> bool:
         """False, and no change, for what cannot be simulated. Instance 0 means all."""
-        if kind not in SUPPORTED.get(unit, ()) or not 0 <= instance <= MOTORS:  # type: ignore[call-overload]
+        possible = SUPPORTED[Unit(unit)] if unit in SUPPORTED else frozenset()
+        if kind not in possible or not 0 <= instance <= MOTORS:
             return False
         if unit == Unit.MOTOR:
             self._inject_motor(Kind(kind), instance)
