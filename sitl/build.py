@@ -26,7 +26,8 @@ BLUR_POSES = 5
 """Views averaged for motion blur: at this resolution more look the same."""
 
 CAMERA_STREAM, BROKEN_CAMERA_STREAM = 1, 3
-"""Keys of random numbers among those spawned from the seed; the world's are 0 and 2."""
+"""Keys of random numbers among those spawned from the seed; the world's are 0 and 4, the
+links' 2."""
 
 
 class MountedCamera:
@@ -94,12 +95,15 @@ class Simulation:
 
         Raises CameraError when the camera is off.
         """
-        done = round(self.world.time_s * self.world.physics_hz)
-        for _ in range(self._steps - done % self._steps):
-            self.world.step()
+        self.world.advance_to(self.next_exposure_s)
         if not self.camera.works:
             raise CameraError("the stereo camera is off")
         return self.camera.expose()
+
+    @property
+    def next_exposure_s(self) -> float:
+        done = round(self.world.time_s * self.world.physics_hz)
+        return (done + self._steps - done % self._steps) / self.world.physics_hz
 
 
 def build(

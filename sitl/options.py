@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from companion.kernel.errors import PlanError
 from companion.kernel.settings import read_toml
 
@@ -19,8 +21,8 @@ def read_settings(
 ) -> dict[str, Any]:
     """The plan's [sitl] table from a TOML or JSON file; ``home`` replaces the table's.
 
-    ``parameters`` (NAME=VALUE) are set after the table's, ``faults`` (JSON) are events beside the
-    table's. Raises PlanError.
+    ``parameters`` (NAME=VALUE) are set after the table's, ``faults`` (JSON) come beside the
+    table's events. Raises PlanError.
     """
     table = {} if path is None else _read_table(path)
     if home is not None:
@@ -30,6 +32,14 @@ def read_settings(
     if faults:
         table["events"] = [*table.get("events", ()), *map(event, faults)]
     return table
+
+
+def event(text: str) -> dict[str, Any]:
+    """A fault as JSON; what acts from the start needs no time. Raises PlanError."""
+    try:
+        return {"at_s": 0.0, **msgspec.json.decode(text, type=dict[str, Any])}
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise PlanError(f"--fault {text}: {error}") from error
 
 
 def home_table(text: str) -> dict[str, float]:
@@ -53,17 +63,6 @@ def parameter(text: str) -> tuple[str, float]:
         raise PlanError(f"--param {text}: not NAME=VALUE with a number") from None
 
 
-def event(text: str) -> dict[str, Any]:
-    """A table of faults in JSON; without ``at_s`` from the start on. Raises PlanError."""
-    try:
-        return {"at_s": 0.0, **json.loads(text)}
-    except (ValueError, TypeError):
-        raise PlanError(
-            f"--fault {text}: not a table in JSON, such as "
-            '{"at_s": 20, "failures": {"optical_flow": "off"}}'
-        ) from None
-
-
 def spread_links(words: Sequence[str]) -> list[str]:
     """``--mavlink A B`` as ``--mavlink A --mavlink B``; a link is a word with :// in it."""
     spread: list[str] = []
@@ -81,7 +80,7 @@ def _read_table(path: Path) -> dict[str, Any]:
         table = json.loads(path.read_bytes())
     except OSError as error:
         raise PlanError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise PlanError(f"{path}: not valid JSON: {error}") from error
     if not isinstance(table, dict):
         raise PlanError(f"{path}: must hold a table, not {type(table).__name__}")

@@ -7,6 +7,7 @@ from msgspec import Meta, field
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
 from sitl.arena.camera import CameraSettings
+from sitl.conditions import LinkSettings
 from sitl.faults import Event, Faults
 from sitl.mavlink.places import Origin
 
@@ -56,12 +57,12 @@ class SitlSettings(Settings, frozen=True):
     """A multiple of 50 (control), of 100 (motion capture) and of the camera's rate."""
     wind_ned_m_s: Vector3 = (0.0, 0.0, 0.0)
     home: Origin = Origin()
-    parameters: dict[str, float] = field(default_factory=dict)
-    """Of the autopilot, by PX4's names, from the start on."""
     gusts_w20_m_s: Annotated[float, Meta(ge=0.0, le=25.0)] = 0.0
     """Turbulence that belongs to this mean wind at 20 ft; see ``sitl.environment.gusts``."""
     ground_effect_norm: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.0
     """Times the textbook's: 0 has none, 1 that of one rotor."""
+    parameters: dict[str, float] = field(default_factory=dict)
+    """Of the autopilot, by PX4's names, from the start on."""
     faults: Faults = Faults()
     """Present from the start."""
     events: list[Event] = field(default_factory=list)
@@ -69,3 +70,5 @@ class SitlSettings(Settings, frozen=True):
     estimator: EstimatorSettings = EstimatorSettings()
     battery: BatterySettings = BatterySettings()
     camera: CameraSettings = CameraSettings()
+    link: LinkSettings = LinkSettings()
+    """The companion's, from the start: setpoints and commands one way, telemetry the other."""

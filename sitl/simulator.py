@@ -12,6 +12,7 @@ from companion.kernel.frames import Vector3, quaternion_from_euler
 from companion.kernel.messages import LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
+from sitl.conditions import LinkConditions, link_rng
 from sitl.environment.surroundings import Surroundings
 from sitl.faults import check, inject, set_parameters
 from sitl.hull import (
@@ -27,7 +28,7 @@ from sitl.settings import SitlSettings
 
 _log = logging.getLogger(__name__)
 
-GUST_STREAM: Final = 2
+GUST_STREAM: Final = 4
 """Key of the gusts' random numbers among those spawned from the seed."""
 MOCAP_HZ: Final = 100
 _MOCAP_KEPT: Final = 600 * MOCAP_HZ  # poses that wait for a reader; then the oldest go
@@ -87,6 +88,8 @@ class World:
             np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(GUST_STREAM,))),
         )
         self._events = deque(sorted(settings.events, key=lambda event: event.at_s))
+        self.link = LinkConditions(settings.link, link_rng(seed))
+        """Of the companion's link, whatever carries it."""
         self.mocap: deque[MocapPose] = deque(maxlen=_MOCAP_KEPT)
         self._walls, self._floor = ContactCounter(), ContactCounter()
         self._pushed = self._near = False
@@ -105,7 +108,7 @@ class World:
 
     def _begin(self, settings: SitlSettings) -> None:
         """What the plan wants from the start; what it wants later is checked now."""
-        set_parameters(self, settings.parameters, "sitl.")
+        set_parameters(self, settings.parameters)
         inject(self, settings.faults)
         for event in settings.events:
             check(event)

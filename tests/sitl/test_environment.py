@@ -265,8 +265,8 @@ def test_a_plan_sets_parameters_and_lets_things_fail_in_time(make_flight):
 @pytest.mark.parametrize(
     ("table", "says"),
     [
-        ({"parameters": {"NO_SUCH": 1.0}}, "sitl.parameters.NO_SUCH"),
-        ({"parameters": {"MPC_XY_P": 99.0}}, "sitl.parameters.MPC_XY_P: allowed: 0 to 2"),
+        ({"parameters": {"NO_SUCH": 1.0}}, "parameters.NO_SUCH"),
+        ({"parameters": {"MPC_XY_P": 99.0}}, "parameters.MPC_XY_P: 99: allowed: 0 to 2"),
         ({"faults": {"failures": {"battery": "stuck"}}}, "allowed: off, ok"),
         ({"events": [{"at_s": 1e3, "failures": {"sticks": "garbage"}}]}, "failures.sticks"),
     ],
