@@ -26,7 +26,8 @@ BLUR_POSES = 5
 """Views averaged for motion blur: at this resolution more look the same."""
 
 CAMERA_STREAM, BROKEN_CAMERA_STREAM = 1, 3
-"""Keys of random numbers among those spawned from the seed; the world's are 0 and 2."""
+"""Keys of random numbers among those spawned from the seed; the world's are 0 and 4, the
+links' 2."""
 
 
 class MountedCamera:
