@@ -88,6 +88,14 @@ def run(
         list[str] | None,
         typer.Option(metavar="NAME=VALUE", help="A parameter of the autopilot, many times."),
     ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="JSON",
+            help="What goes wrong, and when: "
+            '{"at_s": 20, "failures": {"optical_flow": "off"}}. May be given many times.',
+        ),
+    ] = None,
     parameters: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Saved parameters: read now, written when asked to."),
@@ -116,7 +124,8 @@ def run(
         keyring = Keyring(read_key(signing_key), unix_s) if signing_key else None
         saved = ParameterFile(parameters) if parameters else None
         links = [_closed_by(open_things, open_link(url)) for url in mavlink or [DEFAULT_MAVLINK]]
-        simulation = build(room, read_settings(settings, home, param or ()), seed, camera_rate)
+        table = read_settings(settings, home, param or (), fault or ())
+        simulation = build(room, table, seed, camera_rate)
         calibration = simulation.camera.calibration
         frames = CameraServer(camera, calibration)
         open_things.callback(frames.close)

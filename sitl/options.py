@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from companion.kernel.errors import PlanError
 from companion.kernel.settings import read_toml
 
@@ -12,18 +14,32 @@ HOME_KEYS = ("latitude_deg", "longitude_deg", "amsl_m")
 
 
 def read_settings(
-    path: Path | None, home: str | None = None, parameters: Sequence[str] = ()
+    path: Path | None,
+    home: str | None = None,
+    parameters: Sequence[str] = (),
+    faults: Sequence[str] = (),
 ) -> dict[str, Any]:
     """The plan's [sitl] table from a TOML or JSON file; ``home`` replaces the table's.
 
-    ``parameters`` (NAME=VALUE) are set after the table's. Raises PlanError.
+    ``parameters`` (NAME=VALUE) are set after the table's, ``faults`` (JSON) come beside the
+    table's events. Raises PlanError.
     """
     table = {} if path is None else _read_table(path)
     if home is not None:
         table["home"] = home_table(home)
     if parameters:
         table["parameters"] = table.get("parameters", {}) | dict(map(parameter, parameters))
+    if faults:
+        table["events"] = [*table.get("events", ()), *map(event, faults)]
     return table
+
+
+def event(text: str) -> dict[str, Any]:
+    """A fault as JSON; what acts from the start needs no time. Raises PlanError."""
+    try:
+        return {"at_s": 0.0, **msgspec.json.decode(text, type=dict[str, Any])}
+    except msgspec.MsgspecError as error:
+        raise PlanError(f"--fault {text}: {error}") from error
 
 
 def home_table(text: str) -> dict[str, float]:

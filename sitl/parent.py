@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import typer
 
+from companion.kernel.errors import PlanError
 from sitl.faults import Faults, inject
 
 if TYPE_CHECKING:  # the parent's side needs no flight dynamics
@@ -62,5 +63,5 @@ def injected(world: "World", line: bytes) -> InjectedLine | RefusedLine:
     """Does what one line of faults asks for."""
     try:
         return InjectedLine(inject(world, msgspec.json.decode(line, type=Faults)))
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, PlanError) as error:
         return RefusedLine(str(error))

@@ -51,6 +51,11 @@ class SteppedWorld(Protocol):
 class ExposedCamera(Protocol):
     """Renders what the pair sees now."""
 
+    @property
+    def works(self) -> bool:
+        """Whether it sends frames at all."""
+        ...
+
     def expose(self) -> StereoFrame: ...
 
 
@@ -153,9 +158,10 @@ class RealTimeServer:
         self._mavlink.update(time_s)
         if time_s >= self._frame_due_s - 1e-6:
             self._frame_due_s += self._frame_period_s
-            frame = self._camera.expose()
+            frame = self._camera.expose() if self._camera.works else None
             self._frames.publish_truth(self._world.mocap)
-            self._frames.publish_frame(frame)
+            if frame is not None:
+                self._frames.publish_frame(frame)
             self._report_crash()
 
     def _report_crash(self) -> None:

@@ -33,7 +33,7 @@ from sitl.autopilot.parameters import change_parameter, default_parameters
 from sitl.autopilot.plans import Plans
 from sitl.autopilot.status import StatusBoard
 from sitl.autopilot.vibration import Vibration
-from sitl.failures import Failures
+from sitl.failures import Failures, Unit
 from sitl.sensors.suite import Sensors
 from sitl.settings import BatterySettings, EstimatorSettings
 
@@ -63,7 +63,7 @@ class Autopilot:
         )
         self.sensors = Sensors(start, self.parameters, self.failures, rng.spawn(1)[0])
         self._home = Home(self.estimate.yaw_rad)
-        self._battery = Battery(battery, self.parameters)
+        self._battery = Battery(battery, self.parameters, self.failures)
         self.plans = Plans(self.parameters, self._home)
         self._inputs = Inputs(self.parameters, now_s)
         self._flight = Flight(
@@ -136,6 +136,15 @@ class Autopilot:
     def set_parameter(self, name: str, value: float) -> bool:
         return change_parameter(self.parameters, name, value)
 
+    @property
+    def battery_voltage_v(self) -> float:
+        return self._battery.voltage_v
+
+    def inject_failure(self, unit: int, kind: int, instance: int) -> Ack:
+        if not self.parameters["SYS_FAILURE_EN"]:
+            return Ack.DENIED
+        return Ack.ACCEPTED if self.failures.inject(unit, kind, instance) else Ack.UNSUPPORTED
+
     def set_charge(self, charge_norm: float) -> None:
         """A fault of the battery: its state of charge jumps."""
         self._battery.charge_norm = charge_norm
@@ -176,7 +185,8 @@ class Autopilot:
         self._inputs.take_setpoint(setpoint)
 
     def set_manual_input(self, sticks: ManualInput) -> None:
-        self._inputs.take_sticks(sticks)
+        if self.failures.works(Unit.STICKS):
+            self._inputs.take_sticks(sticks)
 
     def take_vision(self, sample: VisionSample) -> None:
         self._estimator.take_vision(sample, self._now_s())

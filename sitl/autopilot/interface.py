@@ -201,6 +201,10 @@ class AutopilotPort(Protocol):
         """Says something as a status text."""
         ...
 
+    def inject_failure(self, unit: int, kind: int, instance: int) -> Ack:
+        """MAVLink's FAILURE_UNIT and FAILURE_TYPE; denied unless SYS_FAILURE_EN allows it."""
+        ...
+
     def reposition(self, position_ned_m: Vector3, yaw_rad: float, speed_m_s: float) -> Ack:
         """Flies there and holds. NaN: the height or place of now, nose ahead, change_speed's."""
         ...

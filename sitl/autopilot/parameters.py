@@ -134,6 +134,10 @@ PARAMETERS: Final[dict[str, Limits]] = {
     "EKF2_RNG_CTRL": Limits(1, 0, 2),
     "COM_POSCTL_NAVL": Limits(0, 0, 1),
     "MPC_MAN_TILT_MAX": Limits(15.0, 0.0, 90.0),  # instead of 35 degrees: indoors
+    # Gusts by MIL-F-8785C and ground effect are this vehicle's; PX4 has neither.
+    "SIM_GND_EFFECT": Limits(0.0, 0.0, 2.0),
+    "SIM_WIND_GUST": Limits(0.0, 0.0, 25.0),
+    "SYS_FAILURE_EN": Limits(0, 0, 1),
     "SIM_GPS_USED": Limits(10, 0, 50),
     "SYS_HAS_GPS": Limits(0, 0, 1),  # instead of 1: there is none indoors
     "SYS_HAS_MAG": Limits(1, 0, 1),

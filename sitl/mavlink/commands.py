@@ -163,6 +163,12 @@ def _set_home(autopilot: AutopilotPort, p: Parameters) -> Ack:
     return autopilot.set_home(None if here else p[4:])
 
 
+def _inject_failure(autopilot: AutopilotPort, p: Parameters) -> Ack:
+    """param3: which of several units, 0 for all."""
+    instance = 0 if math.isnan(p[2]) else whole(p[2])
+    return autopilot.inject_failure(whole(p[0]), whole(p[1]), instance)
+
+
 def _no_actuator(_autopilot: AutopilotPort, _: Parameters) -> Ack:
     """Nothing but the rotors moves on this vehicle."""
     return Ack.DENIED
@@ -183,4 +189,5 @@ _HANDLERS: Mapping[int, Callable[[AutopilotPort, Parameters], Ack]] = {
     mavlink.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
     mavlink.MAV_CMD_DO_SET_HOME: _set_home,
     mavlink.MAV_CMD_DO_SET_ACTUATOR: _no_actuator,
+    mavlink.MAV_CMD_INJECT_FAILURE: _inject_failure,
 }

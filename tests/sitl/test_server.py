@@ -49,6 +49,8 @@ class Ticking:
         while wall_s() < end_s:
             pass
 
+    works = True
+
     def expose(self):
         self.exposures += 1
 
