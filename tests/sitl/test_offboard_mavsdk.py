@@ -1,4 +1,4 @@
-"""MAVSDK 4's own API flies every kind of offboard setpoint, an orbit, and by motion capture."""
+"""MAVSDK 4's own API flies every kind of offboard setpoint and an orbit."""
 
 import asyncio
 import functools
@@ -11,12 +11,10 @@ import pytest
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
 from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.asyncio.plugins.events import EventsAsync
-from mavsdk.asyncio.plugins.mocap import MocapAsync
 from mavsdk.asyncio.plugins.offboard import OffboardAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.action import ActionError
 from mavsdk.plugins.events import EventsError
-from mavsdk.plugins.mocap import AngleBody, Covariance, PositionBody, VisionPositionEstimate
 from mavsdk.plugins.offboard import (
     AccelerationNed,
     Attitude,
@@ -27,8 +25,6 @@ from mavsdk.plugins.offboard import (
 )
 from mavsdk.plugins.telemetry import FlightMode
 
-from companion.camera.remote import RemoteCamera
-from companion.kernel.frames import euler_from_quaternion
 from companion.kernel.messages import SimulationRequest
 from sitl.mavlink.places import Origin
 from sitl.process import launch
@@ -42,13 +38,11 @@ HEIGHT_M = 1.5
 class Drone:
     """The plugins of one vehicle."""
 
-    def __init__(self, system, camera_url):
+    def __init__(self, system):
         self.action = ActionAsync(system)
         self.events = EventsAsync(system)
-        self.mocap = MocapAsync(system)
         self.offboard = OffboardAsync(system)
         self.telemetry = TelemetryAsync(system)
-        self.camera_url = camera_url
 
     async def take_off(self):
         await until(self.telemetry.subscribe_health(), lambda health: health.is_armable)
@@ -94,7 +88,7 @@ def keep_stdout_clean():
 
 
 @asynccontextmanager
-async def drone(tmp_path, speed, **settings):
+async def drone(tmp_path, speed):
     keep_stdout_clean()
     request = SimulationRequest(
         room=ROOM,
@@ -102,14 +96,13 @@ async def drone(tmp_path, speed, **settings):
         speed=speed,
         camera_rate_hz=10.0,
         log_dir=str(tmp_path),
-        settings=settings,
     )
     async with launch(request) as endpoints, asyncio.timeout(LIMIT_S):
         kind = ComponentType.COMPANION_COMPUTER
         library = Mavsdk(Configuration.create_with_component_type(kind))
         try:
             await library.add_any_connection(endpoints.mavlink_url)
-            yield Drone(await library.first_autopilot(10.0), endpoints.camera_url)
+            yield Drone(await library.first_autopilot(10.0))
         finally:
             await asyncio.to_thread(library.destroy)
 
@@ -183,42 +176,3 @@ def test_what_this_vehicle_lacks_is_refused_at_once(tmp_path):
                 await it.events.get_health_and_arming_checks_report()
 
     asyncio.run(run())
-
-
-def seen_by_motion_capture(pose):
-    north_m, east_m, down_m = pose.truth_position_ned_m
-    return VisionPositionEstimate(
-        0,
-        PositionBody(north_m, east_m, down_m),
-        AngleBody(*euler_from_quaternion(pose.truth_ned_from_frd)),
-        Covariance([math.nan]),
-    )
-
-
-async def mean_error_m(drone, camera, frames, send):
-    """Of the estimate over the last ten frames; motion capture is sent at 10 Hz if asked."""
-    errors = []
-    async for _ in camera.frames():
-        pose = camera.drain()[-1]
-        if send:
-            await drone.mocap.set_vision_position_estimate(seen_by_motion_capture(pose))
-        place = (await drone.telemetry.position_velocity_ned()).position
-        errors.append(math.dist((place.north_m, place.east_m), pose.truth_position_ned_m[:2]))
-        if len(errors) == frames:
-            return sum(errors[-10:]) / 10
-    raise AssertionError("the camera ended")
-
-
-def test_motion_capture_sent_by_mavsdk_mends_a_drift(tmp_path):
-    async def run():
-        drifting = {"drift_ned_m_s": [0.1, 0.0, 0.0]}
-        async with (
-            drone(tmp_path, 3.0, estimator=drifting) as it,
-            RemoteCamera(it.camera_url) as camera,
-        ):
-            without_m = await mean_error_m(it, camera, 60, send=False)
-            return without_m, await mean_error_m(it, camera, 60, send=True)
-
-    without_m, with_m = asyncio.run(run())
-    assert without_m > 0.4
-    assert with_m < 0.15
