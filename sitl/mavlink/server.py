@@ -15,8 +15,15 @@ from sitl.mavlink.links import Client, Link
 from sitl.mavlink.missions import MissionProtocol
 from sitl.mavlink.parameter_file import ParameterFile
 from sitl.mavlink.parameters import ParameterProtocol
-from sitl.mavlink.places import Origin
-from sitl.mavlink.setpoints import FRAMES, attitude_setpoint, manual_input, offboard_setpoint
+from sitl.mavlink.places import Datum, Origin
+from sitl.mavlink.setpoints import (
+    FRAMES,
+    GLOBAL_FRAMES,
+    attitude_setpoint,
+    global_setpoint,
+    manual_input,
+    offboard_setpoint,
+)
 from sitl.mavlink.signing import Keyring, Signer
 from sitl.mavlink.snapshot import Snapshot
 from sitl.mavlink.state import heartbeat
@@ -68,6 +75,7 @@ class MavlinkServer:
             mavlink.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command,
             mavlink.MAVLINK_MSG_ID_COMMAND_INT: self._on_command,
             mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: self._on_setpoint,
+            mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: self._on_setpoint,
             mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: self._on_attitude_setpoint,
             mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: self._on_manual_control,
             mavlink.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
@@ -222,7 +230,12 @@ class MavlinkServer:
             self._channels.clear()
 
     def _on_setpoint(self, _: Channel, message: mavlink.MAVLink_message) -> None:
-        setpoint = offboard_setpoint(message, self._autopilot.estimate)
+        if message.get_msgId() == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT:
+            home_ned_m = self._autopilot.plans.home.position_ned_m
+            frames = GLOBAL_FRAMES
+            setpoint = global_setpoint(message, Datum(self._origin, home_ned_m[2]))
+        else:
+            frames, setpoint = FRAMES, offboard_setpoint(message, self._autopilot.estimate)
         if setpoint is not None:
             self._autopilot.set_offboard_setpoint(setpoint)
         elif message.coordinate_frame not in self._unknown_frames:
@@ -230,7 +243,7 @@ class MavlinkServer:
             logger.warning(
                 "setpoints in MAV_FRAME %d are ignored; known frames: %s",
                 message.coordinate_frame,
-                ", ".join(map(str, sorted(FRAMES))),
+                ", ".join(map(str, sorted(frames))),
             )
 
     def _on_attitude_setpoint(self, _: Channel, message: mavlink.MAVLink_message) -> None:

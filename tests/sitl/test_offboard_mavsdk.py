@@ -19,6 +19,7 @@ from mavsdk.plugins.offboard import (
     AccelerationNed,
     Attitude,
     AttitudeRate,
+    PositionGlobalYaw,
     PositionNedYaw,
     VelocityBodyYawspeed,
     VelocityNedYaw,
@@ -124,6 +125,12 @@ async def fly_by_position_and_velocity(drone):
         PositionNedYaw(0.0, 0.0, -HEIGHT_M, 0.0), VelocityNedYaw(0.0, 0.0, 0.0, 0.0)
     )
     await drone.reaches(0.0, 0.0)
+    latitude_deg, longitude_deg = Origin().degrees((0.0, 1.0, 0.0))
+    above_home = PositionGlobalYaw.AltitudeType.REL_HOME
+    await drone.offboard.set_position_global(
+        PositionGlobalYaw(latitude_deg, longitude_deg, HEIGHT_M, 0.0, above_home)
+    )
+    await drone.reaches(0.0, 1.0)
 
 
 async def fly_by_force_and_attitude(drone):
@@ -152,27 +159,23 @@ async def orbit_and_land(drone):
     await until(drone.telemetry.subscribe_armed(), lambda armed: not armed)
 
 
+async def ask_for_what_is_not_there(drone):
+    """Without EVENT, MAVSDK has no arming report; it says so instead of waiting."""
+    with pytest.raises(ActionError, match="COMMAND_DENIED"):
+        await drone.action.set_actuator(1, 0.5)
+    with pytest.raises(ActionError, match="UNSUPPORTED"):
+        await drone.action.set_relay(1, 0)
+    with pytest.raises(EventsError, match="NOT_AVAILABLE"):
+        await drone.events.get_health_and_arming_checks_report()
+
+
 def test_every_offboard_setpoint_and_an_orbit_fly_as_asked(tmp_path):
     async def run():
         async with drone(tmp_path, 5.0) as it:
+            await ask_for_what_is_not_there(it)
             await it.take_off()
             await fly_by_position_and_velocity(it)
             await fly_by_force_and_attitude(it)
             await orbit_and_land(it)
-
-    asyncio.run(run())
-
-
-def test_what_this_vehicle_lacks_is_refused_at_once(tmp_path):
-    """Without EVENT, MAVSDK has no arming report; it says so instead of waiting."""
-
-    async def run():
-        async with drone(tmp_path, 1.0) as it:
-            with pytest.raises(ActionError, match="COMMAND_DENIED"):
-                await it.action.set_actuator(1, 0.5)
-            with pytest.raises(ActionError, match="UNSUPPORTED"):
-                await it.action.set_relay(1, 0)
-            with pytest.raises(EventsError, match="NOT_AVAILABLE"):
-                await it.events.get_health_and_arming_checks_report()
 
     asyncio.run(run())
