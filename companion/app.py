@@ -16,7 +16,7 @@ logger = logging.getLogger(__name__)
 
 LAND_LIMIT_S = 90.0
 """Wall time; longer than any vehicle's own limit of simulated time."""
-PILOT_MODES = (FlightMode.MANUAL, FlightMode.POSITION)
+PILOT_MODES = (FlightMode.MANUAL, FlightMode.ALTITUDE, FlightMode.POSITION)
 """A human has taken over: nothing is commanded any more."""
 
 

@@ -1,6 +1,7 @@
 """Recorded stereo pairs, whatever file or folder holds them."""
 
 from collections.abc import Iterable
+from os.path import exists
 from pathlib import Path
 
 from companion.camera.asl import AslRecording
@@ -30,7 +31,7 @@ def open_recording(path: Path) -> Recording:
     """
     name, _, calibration = str(path).partition(CALIBRATION_WORD)
     path = Path(name)
-    if not path.exists():
+    if not exists(path):
         raise RecordingError(f"{path}: no such recording")
     if path.is_dir():
         if not ((path / "left").is_dir() and (path / "right").is_dir()):

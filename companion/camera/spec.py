@@ -1,6 +1,7 @@
 """What ``--camera`` may say, and the cameras that it opens."""
 
 from collections.abc import Collection
+from os.path import exists
 from pathlib import Path
 from typing import NamedTuple
 
@@ -68,7 +69,7 @@ def parse_camera(spec: str, simulators: Collection[str] = ("sitl",)) -> CameraSp
         name = source.removeprefix(_DEVICE)
         return DeviceSpec(int(name) if name.isdecimal() else name, _calibration(spec, calibration))
     path = Path(source)
-    if not path.exists():
+    if not exists(path):  # also False for a name that no file system takes
         raise PlanError(
             f"--camera {spec}: no such file; allowed: {', '.join(simulators)}, {_FORMS}"
         )

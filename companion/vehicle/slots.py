@@ -17,7 +17,7 @@ FLIGHT_MODES: dict[str, FlightMode] = {
     "MANUAL": FlightMode.MANUAL,
     "STABILIZED": FlightMode.MANUAL,
     "ACRO": FlightMode.MANUAL,
-    "ALTCTL": FlightMode.POSITION,
+    "ALTCTL": FlightMode.ALTITUDE,
     "POSCTL": FlightMode.POSITION,
     "TAKEOFF": FlightMode.TAKEOFF,
     "HOLD": FlightMode.HOLD,
