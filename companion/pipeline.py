@@ -135,6 +135,7 @@ class Pipeline:
             stereo_valid_norm=stereo.valid_norm,
             mono_px=mono.mono_px,
             mono_std_px=mono.std_px,
+            mono_novelty=mono.novelty,
         )
 
     def _goal(self, stamp_ns: int, choice: Choice, certainty: float, telemetry: Telemetry) -> Goal:
