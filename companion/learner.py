@@ -40,6 +40,13 @@ class MonoEstimate(NamedTuple):
     """Of the newest frame alone: see companion.novelty."""
 
 
+class _Lesson(NamedTuple):
+    """A frame's samples: first its own features, then those of its views."""
+
+    samples: NDArray[np.float32]
+    disparities_px: NDArray[np.float64]
+
+
 class LearnerState(NamedTuple):
     """All that a learner learned, as plain data."""
 
@@ -71,12 +78,14 @@ class Learner:
         parameters = regressors.RegressorSettings(
             k=settings.k,
             capacity=settings.capacity,
+            keep=settings.keep,
             seed=int(self._views_rng.integers(2**31)),
         )
         self._regressor = regressors.make(self._design.regressor, parameters)
         self._range_px = np.array([math.inf, -math.inf])
         self._novelty = Novelty()
         self._observed: tuple[Grey, Features] | None = None
+        self._waiting: deque[_Lesson] = deque()
         self._recent: deque[tuple[float, float]] = deque(maxlen=settings.smooth_frames)
 
     @property
@@ -116,7 +125,8 @@ class Learner:
     ) -> bool:
         """Takes stereo's λ as the target for ``features``; True if it was a usable sample.
 
-        With ``map_of``, further views of the image just observed are learned from too.
+        With ``map_of``, further views of the image just observed are learned from too. All wait
+        for as many frames as the settings say.
         """
         if self.frozen or features is None or math.isnan(disparity_px):
             return False
@@ -126,12 +136,18 @@ class Learner:
             for view, view_px in views_of(image, map_of(), disparity_px, n_views, self._views_rng):
                 samples.append(gradients.encode(view))
                 disparities_px.append(view_px)
-        self._regressor.partial_fit(np.stack(samples), self._targets(np.array(disparities_px)))
-        self._novelty.learn(features)
+        self._waiting.append(_Lesson(np.stack(samples), np.array(disparities_px)))
+        while len(self._waiting) > self.settings.delay_frames:
+            self._take(self._waiting.popleft())
+        return True
+
+    def _take(self, lesson: _Lesson) -> None:
+        self._regressor.partial_fit(lesson.samples, self._targets(lesson.disparities_px))
+        self._novelty.learn(lesson.samples[0])
+        disparity_px = float(lesson.disparities_px[0])
         self._range_px[0] = min(self._range_px[0], disparity_px)
         self._range_px[1] = max(self._range_px[1], disparity_px)
         self._trained = True
-        return True
 
     def _targets(self, disparities_px: NDArray[np.float64]) -> NDArray[np.float64]:
         if self._design.target == "linear":
@@ -147,7 +163,7 @@ class Learner:
         return float(min(max(mean, least_px), most_px)), std
 
     def freeze(self) -> None:
-        """Nothing is learned from here on."""
+        """Nothing is learned from here on, not even what still waits."""
         self.frozen = True
 
     def break_sequence(self) -> None:

@@ -7,11 +7,13 @@ import numpy as np
 
 from companion.behaviour import Behaviour
 from companion.certainty import certainty_norm, with_speed_for
+from companion.fusion import UNKNOWN, Estimate, fuse, stereo_estimate
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.messages import (
     Availability,
     Cue,
     Decision,
+    Event,
     Goal,
     Percept,
     Phase,
@@ -30,7 +32,7 @@ from companion.stereo import StereoMatcher
 from companion.switch import Choice, Switch, Thresholds
 from companion.tether import way_back_rad
 from companion.textons import TextonDictionary
-from companion.trust import TrustMonitor
+from companion.trust import TrustMonitor, event_of
 
 PHASES_OF_LEARNING = (Phase.INITIAL, Phase.LEARNING)
 
@@ -43,6 +45,8 @@ class Step(NamedTuple):
     verdict: Verdict
     trust: TrustFigures | None = None
     """Where it was time to judge."""
+    events: tuple[Event, ...] = ()
+    """What a person should hear of."""
 
 
 class Pipeline:
@@ -98,11 +102,13 @@ class Pipeline:
         judged = self.trust.update(
             percept, self.behaviour.state, self.thresholds.mono_px, available.stereo
         )
+        changed = self.trust.status is not decision.trust
         return Step(
             percept,
             decision,
             self._command(frame.stamp_ns, choice, goal, telemetry),
             self.trust.figures if judged else None,
+            (event_of(self.trust.figures),) if changed else (),
         )
 
     def _elapsed_s(self, stamp_ns: int) -> float:
@@ -129,6 +135,9 @@ class Pipeline:
             self.samples_learned += self.learner.learn(
                 features, stereo.disparity_px, self.matcher.last_map
             )
+        of_stereo = stereo_estimate(stereo.disparity_px, stereo.valid_norm)
+        of_mono = Estimate(mono.mono_px, mono.std_px)
+        fused = fuse(of_stereo if available.stereo else UNKNOWN, of_mono)
         return Percept(
             stamp_ns=frame.stamp_ns,
             stereo_px=stereo.disparity_px,
@@ -136,6 +145,8 @@ class Pipeline:
             mono_px=mono.mono_px,
             mono_std_px=mono.std_px,
             mono_novelty=mono.novelty,
+            fused_px=fused.disparity_px,
+            fused_std_px=fused.std_px,
         )
 
     def _goal(self, stamp_ns: int, choice: Choice, certainty: float, telemetry: Telemetry) -> Goal:

@@ -88,6 +88,8 @@ class Cue(StrEnum):
 
     STEREO = "stereo"
     MONO = "mono"
+    FUSED = "fused"
+    """Both, weighed by their variances."""
     NONE = "none"
     """None can be relied on: the vehicle stands still."""
 
@@ -133,6 +135,9 @@ class Percept(msgspec.Struct, frozen=True, kw_only=True):
     mono_novelty: float = NAN
     """How unlike all that was learned from the frame is: below 1 for 99 % of the frames of the
     place that was learned, well above 1 elsewhere, or where one eye is covered."""
+    fused_px: float = NAN
+    """Both cues weighed by their variances, or the one that is known."""
+    fused_std_px: float = NAN
 
 
 class Goal(msgspec.Struct, frozen=True, kw_only=True):
