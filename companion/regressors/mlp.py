@@ -16,7 +16,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from companion.regressors.base import Arrays, Floats
 from companion.regressors.network import Network, Tensor
 from companion.regressors.scaling import RunningScale
-from companion.regressors.slots import Keep, SlotMemory
+from companion.regressors.slots import Keep, SlotMemory, Slots
 
 BINS = 20
 """Targets are drawn from this many ranges, of which the rare ones count for more."""
@@ -107,6 +107,8 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
             "counts": np.array([self.memory_.n_seen, self.network_.n_steps], dtype=np.int64),
             "error": np.array(self.error_),
         }
+        if self.keep == "mixed":
+            arrays["order"] = order
         for prefix, part in (("in", self.inputs_), ("out", self.outputs_)):
             arrays |= {f"{prefix}.{name}": values for name, values in part.state().items()}
         return arrays | self.network_.state()
@@ -119,7 +121,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         self.n_features_in_ = samples.shape[1]
         self._start()
         n_seen, n_steps = (int(count) for count in state["counts"])
-        slots = self.memory_.restore(n_seen, len(samples))
+        slots = self.memory_.restore(n_seen, len(samples), _slots_in(state))
         self._grow(len(samples))
         self.samples_[slots], self.targets_[slots] = samples, state["y"][-self.capacity :]
         self.error_ = float(np.asarray(state["error"], dtype=np.float64))
@@ -175,6 +177,10 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
             shape = (self.n_networks, self.batch)
             batch: Tensor = inputs.reshape(*shape, -1)
             self.network_.step(batch, wanted.reshape(shape), rng)
+
+
+def _slots_in(state: Arrays) -> Slots | None:
+    return np.asarray(state["order"], dtype=np.int64) if "order" in state else None
 
 
 @njit("i8[::1](f8[::1], f8[::1])", cache=True, nogil=True)

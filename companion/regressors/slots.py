@@ -46,18 +46,17 @@ class SlotMemory:
         oldest = self.n_seen % self.capacity if self.n_seen > self.capacity else 0
         return np.roll(np.arange(self.n_kept), -oldest)
 
-    def restore(self, n_seen: int, n_kept: int) -> Slots:
-        """As after ``n_seen`` samples of which ``n_kept`` came back, in the order of ``order``.
+    def restore(self, n_seen: int, n_kept: int, order: Slots | None = None) -> Slots:
+        """As after ``n_seen`` samples of which ``n_kept`` came back, the oldest first.
 
-        Returns the slots that they go to.
+        ``order`` is what it was when they were saved. Returns the slots that they go to.
         """
         self.n_seen = n_seen
         if self.keep == "newest":
             return (n_seen - n_kept + np.arange(n_kept)) % self.capacity
-        slots = np.arange(n_kept)
-        n_newest = min(n_kept, self._n_newest)
-        self._past = list(range(n_kept - n_newest))
-        self._newest = deque(range(n_kept - n_newest, n_kept))
+        slots = np.arange(n_kept) if order is None or len(order) != n_kept else order
+        n_past = n_kept - min(n_kept, self._n_newest)
+        self._past, self._newest = slots[:n_past].tolist(), deque(slots[n_past:].tolist())
         return slots
 
     def _take_mixed(self) -> int:

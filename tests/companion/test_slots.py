@@ -51,8 +51,9 @@ def test_a_restored_memory_goes_on_as_the_original(keep, n_samples):
     contents = remembered(original, {}, n_samples)
     restored = SlotMemory(16, keep, seed=5)
     held = [contents[slot] for slot in original.order()]
-    slots = restored.restore(original.n_seen, len(held))
+    slots = restored.restore(original.n_seen, len(held), original.order())
     again = dict(zip(slots, held, strict=True))
+    assert again == contents
     for memory, kept in ((original, contents), (restored, again)):
         remembered(memory, kept, 60, first=n_samples)
     assert [contents[s] for s in original.order()] == [again[s] for s in restored.order()]
