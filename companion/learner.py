@@ -7,7 +7,7 @@ the target. What it has learned stays when stereo is gone.
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -18,6 +18,7 @@ from companion.features import Extractor, Features, GradientFeatures, Grey, Text
 from companion.kernel.errors import PlanError
 from companion.kernel.messages import StereoFrame
 from companion.learner_settings import LearnerSettings
+from companion.novelty import Novelty
 from companion.textons import TextonDictionary
 from companion.views import views_of
 
@@ -29,11 +30,14 @@ LOG_OFFSET_PX, LOG_FLOOR_PX = 0.5, -0.4
 
 
 class MonoEstimate(NamedTuple):
-    """λ as one eye sees it, averaged over the last frames; NaN while unknown."""
+    """λ as one eye sees it; NaN while unknown."""
 
     mono_px: float
+    """Averaged over the last frames."""
     std_px: float
-    """Spread of the neighbours' targets, averaged over the same frames."""
+    """Averaged over the same frames."""
+    novelty: float
+    """Of the newest frame alone: see companion.novelty."""
 
 
 class LearnerState(NamedTuple):
@@ -44,7 +48,7 @@ class LearnerState(NamedTuple):
     """Settings that the arrays depend on, by their path in a plan."""
 
 
-UNKNOWN = MonoEstimate(math.nan, math.nan)
+UNKNOWN = MonoEstimate(math.nan, math.nan, math.nan)
 
 
 class Learner:
@@ -71,8 +75,9 @@ class Learner:
         )
         self._regressor = regressors.make(self._design.regressor, parameters)
         self._range_px = np.array([math.inf, -math.inf])
+        self._novelty = Novelty()
         self._observed: tuple[Grey, Features] | None = None
-        self._recent: deque[MonoEstimate] = deque(maxlen=settings.smooth_frames)
+        self._recent: deque[tuple[float, float]] = deque(maxlen=settings.smooth_frames)
 
     @property
     def ready(self) -> bool:
@@ -101,8 +106,9 @@ class Learner:
         self._recent.append(self._in_pixels(float(mean[0]), float(std[0])))
         n_recent = len(self._recent)
         return MonoEstimate(
-            sum(estimate.mono_px for estimate in self._recent) / n_recent,
-            sum(estimate.std_px for estimate in self._recent) / n_recent,
+            sum(mean_px for mean_px, _ in self._recent) / n_recent,
+            sum(std_px for _, std_px in self._recent) / n_recent,
+            self._novelty.of(features),
         )
 
     def learn(
@@ -121,6 +127,7 @@ class Learner:
                 samples.append(gradients.encode(view))
                 disparities_px.append(view_px)
         self._regressor.partial_fit(np.stack(samples), self._targets(np.array(disparities_px)))
+        self._novelty.learn(features)
         self._range_px[0] = min(self._range_px[0], disparity_px)
         self._range_px[1] = max(self._range_px[1], disparity_px)
         self._trained = True
@@ -131,13 +138,13 @@ class Learner:
             return disparities_px
         return np.log(np.maximum(disparities_px, LOG_FLOOR_PX) + LOG_OFFSET_PX)
 
-    def _in_pixels(self, mean: float, std: float) -> MonoEstimate:
+    def _in_pixels(self, mean: float, std: float) -> tuple[float, float]:
         """The regressor's answer as λ, within what stereo has reported so far."""
         least_px, most_px = self._range_px
         if self._design.target == "log":
             mean = math.exp(min(mean, math.log(most_px + 1.0)))
             mean, std = mean - LOG_OFFSET_PX, mean * std
-        return MonoEstimate(float(min(max(mean, least_px), most_px)), std)
+        return float(min(max(mean, least_px), most_px)), std
 
     def freeze(self) -> None:
         """Nothing is learned from here on."""
@@ -149,10 +156,11 @@ class Learner:
 
     def state(self) -> LearnerState:
         """All that was learned; a dictionary half learned is not part of it."""
-        arrays = {f"regressor.{name}": values for name, values in self._regressor.state().items()}
-        if self.dictionary is not None:
-            textons = self.dictionary._asdict()
-            arrays |= {f"textons.{name}": values for name, values in textons.items()}
+        arrays = _whole(
+            regressor=self._regressor.state(),
+            novelty=self._novelty.state(),
+            textons=self.dictionary._asdict() if self.dictionary is not None else {},
+        )
         if self._trained:
             arrays["range_px"] = self._range_px.copy()
         return LearnerState(arrays, _meaning_of_samples(self.settings))
@@ -168,13 +176,9 @@ class Learner:
         dictionary = dictionary_of(state)
         if dictionary is not None:
             self._extractor.adopt(dictionary)
-        prefix = "regressor."
-        samples = {
-            name.removeprefix(prefix): values
-            for name, values in state.arrays.items()
-            if name.startswith(prefix)
-        }
+        samples = _part(state, "regressor")
         self._regressor.restore(samples)
+        self._novelty = Novelty.restored(_part(state, "novelty"))
         self._trained = bool(samples)
         if samples:
             self._range_px = np.array(state.arrays["range_px"], dtype=np.float64)
@@ -186,6 +190,21 @@ def _extractor(settings: LearnerSettings, rng: np.random.Generator) -> Extractor
     if settings.design.features == "gradients":
         return GradientFeatures()
     return TextonFeatures(settings.textons, settings.entropy_scale, rng)
+
+
+def _part(state: LearnerState, name: str) -> dict[str, NDArray[np.generic]]:
+    """The arrays that ``_whole`` put under this name."""
+    prefix = f"{name}."
+    return {
+        key.removeprefix(prefix): values
+        for key, values in state.arrays.items()
+        if key.startswith(prefix)
+    }
+
+
+def _whole(**parts: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.generic]]:
+    """The parts' arrays, each under its part's name."""
+    return {f"{name}.{key}": values for name, part in parts.items() for key, values in part.items()}
 
 
 def dictionary_of(state: LearnerState) -> TextonDictionary | None:

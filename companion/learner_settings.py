@@ -59,6 +59,10 @@ class LearnerSettings(Settings, frozen=True):
     """The fixed threshold; none means ``threshold_ratio`` times stereo's."""
     threshold_ratio: Annotated[float, Meta(gt=0.0)] = 1.0
     """Below 1, one eye turns earlier than two (section III-E), and so learns what is near."""
+    caution_std: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    """Standard deviations of the estimate added to it: the less certain, the earlier it turns."""
+    novelty_limit: Annotated[float, Meta(gt=0.0)] | None = None
+    """A frame more novel than this counts as blocked; none lets all pass."""
     wanted_tpr: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.96
     wanted_collision_probability: Annotated[float, Meta(gt=0.0, lt=1.0)] = 1e-3
     """Of one approach to an obstacle."""

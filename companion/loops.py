@@ -122,5 +122,7 @@ def _write(log: FlightLogWriter, frame: StereoFrame, telemetry: Telemetry, step:
     log.write_frame(frame)
     log.write(Topic.PERCEPT, step.percept)
     log.write(Topic.DECISION, step.decision)
+    if step.trust is not None:
+        log.write(Topic.TRUST, step.trust)
     log.write(Topic.SETPOINT, step.verdict.setpoint)
     log.write(Topic.TELEMETRY, telemetry, log_time_ns=frame.stamp_ns)

@@ -6,18 +6,31 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.behaviour import Behaviour
+from companion.certainty import certainty_norm, with_speed_for
 from companion.kernel.calibration import StereoCalibration
-from companion.kernel.messages import Decision, Goal, Percept, Phase, StereoFrame, Telemetry
+from companion.kernel.messages import (
+    Availability,
+    Cue,
+    Decision,
+    Goal,
+    Percept,
+    Phase,
+    StereoFrame,
+    Telemetry,
+    TrustFigures,
+)
 from companion.learner import Learner
 from companion.performance import threshold_for_tpr_px
 from companion.pilot import fly_to
 from companion.plan import Plan
 from companion.risk import Approach, Wishes, choose_threshold_px
-from companion.safety import Verdict, check
+from companion.safety import Reaction, Verdict, check, react_to_age
 from companion.scorecard import Account, Scorecard
 from companion.stereo import StereoMatcher
 from companion.switch import Choice, Switch, Thresholds
+from companion.tether import way_back_rad
 from companion.textons import TextonDictionary
+from companion.trust import TrustMonitor
 
 PHASES_OF_LEARNING = (Phase.INITIAL, Phase.LEARNING)
 
@@ -28,6 +41,8 @@ class Step(NamedTuple):
     percept: Percept
     decision: Decision
     verdict: Verdict
+    trust: TrustFigures | None = None
+    """Where it was time to judge."""
 
 
 class Pipeline:
@@ -39,61 +54,102 @@ class Pipeline:
         calibration: StereoCalibration,
         dictionary: TextonDictionary | None = None,
     ) -> None:
-        rngs = np.random.default_rng(plan.seed).spawn(4)
-        switch_rng, behaviour_rng, learner_rng, self._risk_rng = rngs
+        rngs = np.random.default_rng(plan.seed).spawn(5)
+        switch_rng, behaviour_rng, learner_rng, self._risk_rng, trust_rng = rngs
         self.plan = plan
         self.matcher = StereoMatcher(plan.stereo, calibration, label=plan.learner.label)
         self.learner = Learner(plan.learner, learner_rng, dictionary)
         self.switch = Switch(plan.experiment, switch_rng)
         self.behaviour = Behaviour(plan.behaviour, behaviour_rng)
         self.scorecard = Scorecard(plan.behaviour.turn_threshold_px)
+        self.trust = TrustMonitor(
+            plan.trust,
+            approach_of(plan, calibration),
+            plan.learner.detection_distance_m,
+            trust_rng,
+        )
         self.phase = Phase.INITIAL
         self.samples_learned = 0
         self.thresholds = self._choose_thresholds()
         self._began_ns: int | None = None
+        self._sighted_ns = 0
+        """The newest frame that some cue could fly on."""
 
     def step(self, frame: StereoFrame, telemetry: Telemetry) -> Step:
         """One frame on. Raises CameraError for a frame of the wrong size."""
-        self._enter_phase_at(frame.stamp_ns)
-        percept = self._perceive_and_learn(frame)
+        elapsed_s = self._elapsed_s(frame.stamp_ns)
+        self._enter_phase_at(elapsed_s)
+        available = Availability(stereo=not self.plan.experiment.stereo_is_over(elapsed_s))
+        percept = self._perceive_and_learn(frame, available)
         choice = self.switch.choose(
-            percept, self.phase, self.thresholds, self.behaviour.looks_ahead
+            percept,
+            self.phase,
+            self.thresholds,
+            self.behaviour.looks_ahead,
+            available,
+            self.trust.status,
         )
-        goal = self.behaviour.step(frame.stamp_ns, choice.blocked, telemetry.yaw_rad)
+        certainty = certainty_norm(choice, percept)
+        goal = self._goal(frame.stamp_ns, choice, certainty, telemetry)
         account = self.scorecard.record(
             percept, self.phase, choice, self.behaviour.state, self.thresholds.mono_px
         )
-        decision = self._decision(frame.stamp_ns, choice, account)
-        return Step(percept, decision, self._command(frame.stamp_ns, goal, telemetry))
+        decision = self._decision(frame.stamp_ns, choice, certainty, account)
+        judged = self.trust.update(
+            percept, self.behaviour.state, self.thresholds.mono_px, available.stereo
+        )
+        return Step(
+            percept,
+            decision,
+            self._command(frame.stamp_ns, choice, goal, telemetry),
+            self.trust.figures if judged else None,
+        )
 
-    def _enter_phase_at(self, stamp_ns: int) -> None:
+    def _elapsed_s(self, stamp_ns: int) -> float:
+        """Since the first frame."""
         if self._began_ns is None:
-            self._began_ns = stamp_ns
-        elapsed_s = (stamp_ns - self._began_ns) * 1e-9
-        phase = self.plan.experiment.phase_at(elapsed_s)
+            self._began_ns = self._sighted_ns = stamp_ns
+        return (stamp_ns - self._began_ns) * 1e-9
+
+    def _enter_phase_at(self, elapsed_s: float) -> None:
+        experiment = self.plan.experiment
+        phase = experiment.phase_at(elapsed_s, self.trust.status)
         if phase is not self.phase:
             self.thresholds = self._choose_thresholds()
-            if phase in (Phase.TEST, Phase.DONE):
+            if phase in (Phase.TEST, Phase.DONE) and experiment.scheme != "auto":
                 self.learner.freeze()
             self.phase = phase
 
-    def _perceive_and_learn(self, frame: StereoFrame) -> Percept:
+    def _perceive_and_learn(self, frame: StereoFrame, available: Availability) -> Percept:
         """Predicts first, then learns from the frame: estimates stay prequential."""
         stereo = self.matcher.match(frame.left, frame.right)
         features = self.learner.observe(self.learner.image_of(frame))
         mono = self.learner.predict(features)
-        self.samples_learned += self.learner.learn(
-            features, stereo.disparity_px, self.matcher.last_map
-        )
+        if available.stereo:
+            self.samples_learned += self.learner.learn(
+                features, stereo.disparity_px, self.matcher.last_map
+            )
         return Percept(
             stamp_ns=frame.stamp_ns,
             stereo_px=stereo.disparity_px,
             stereo_valid_norm=stereo.valid_norm,
             mono_px=mono.mono_px,
             mono_std_px=mono.std_px,
+            mono_novelty=mono.novelty,
         )
 
-    def _command(self, stamp_ns: int, goal: Goal, telemetry: Telemetry) -> Verdict:
+    def _goal(self, stamp_ns: int, choice: Choice, certainty: float, telemetry: Telemetry) -> Goal:
+        """The behaviour's, no faster than certainty allows; without a cue it stands still."""
+        settings = self.plan.behaviour
+        if choice.cue is Cue.NONE:
+            return Goal(forward_speed_m_s=0.0, heading_rad=telemetry.yaw_rad, turn_sign=0)
+        north_m, east_m, _ = telemetry.position_ned_m
+        back_rad = way_back_rad(settings.zone, self._elapsed_s(stamp_ns), north_m, east_m)
+        goal = self.behaviour.step(stamp_ns, choice.blocked, telemetry.yaw_rad, back_rad)
+        return with_speed_for(goal, certainty, settings) if settings.speed_by_certainty else goal
+
+    def _command(self, stamp_ns: int, choice: Choice, goal: Goal, telemetry: Telemetry) -> Verdict:
+        """The safe setpoint; lands where no cue could be relied on for too long."""
         behaviour = self.plan.behaviour
         setpoint = fly_to(
             goal,
@@ -103,9 +159,18 @@ class Pipeline:
             yaw_rate_limit_rad_s=math.radians(behaviour.yaw_rate_deg_s),
             settings=self.plan.pilot,
         )
-        return check(setpoint, telemetry, self.plan.safety)
+        verdict = check(setpoint, telemetry, self.plan.safety)
+        if choice.cue is not Cue.NONE:
+            self._sighted_ns = stamp_ns
+        blind_s = (stamp_ns - self._sighted_ns) * 1e-9
+        if react_to_age(blind_s, self.plan.safety) is Reaction.LAND:
+            reason = f"stereo is gone, and the estimate of one eye is {self.trust.status.value}"
+            return verdict._replace(reaction=Reaction.LAND, reason=reason)
+        return verdict
 
-    def _decision(self, stamp_ns: int, choice: Choice, account: Account) -> Decision:
+    def _decision(
+        self, stamp_ns: int, choice: Choice, certainty: float, account: Account
+    ) -> Decision:
         return Decision(
             stamp_ns=stamp_ns,
             phase=self.phase,
@@ -117,6 +182,8 @@ class Pipeline:
             overrides=account.overrides,
             turns=account.turns,
             approaches=account.approaches,
+            trust=self.trust.status,
+            certainty_norm=certainty,
         )
 
     def _choose_thresholds(self) -> Thresholds:
@@ -132,7 +199,13 @@ class Pipeline:
         elif learner.threshold == "risk":
             chosen_px = self._threshold_from_risk_px(stereo_px)
         mono_px = learner.fixed_threshold_px(stereo_px) if math.isnan(chosen_px) else chosen_px
-        return Thresholds(stereo_px, mono_px, behaviour.override_threshold_px)
+        return Thresholds(
+            stereo_px,
+            mono_px,
+            behaviour.override_threshold_px,
+            caution_std=learner.caution_std,
+            novelty=math.inf if learner.novelty_limit is None else learner.novelty_limit,
+        )
 
     def _threshold_from_roc_px(self, positive_px: float, wanted_tpr: float) -> float:
         """NaN while no positive was seen."""

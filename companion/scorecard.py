@@ -50,13 +50,13 @@ class Account:
     def add_flight(self, cue: Cue, duration_s: float) -> None:
         if cue is Cue.STEREO:
             self.stereo_flight_s += duration_s
-        else:
+        elif cue is Cue.MONO:
             self.mono_flight_s += duration_s
 
     def add_approach(self, cue: Cue) -> None:
         if cue is Cue.STEREO:
             self.stereo_approaches += 1
-        else:
+        elif cue is Cue.MONO:
             self.mono_approaches += 1
 
     def add_estimate(self, percept: Percept, mono_threshold_px: float, in_approach: bool) -> None:

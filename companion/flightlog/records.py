@@ -26,6 +26,7 @@ class Topic(StrEnum):
     TELEMETRY = "/telemetry"
     PERCEPT = "/percept"
     DECISION = "/decision"
+    TRUST = "/trust"
     SETPOINT = "/setpoint"
     MOCAP = "/mocap"
     EVENT = "/event"

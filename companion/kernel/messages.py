@@ -87,10 +87,24 @@ class Availability(NamedTuple):
 
 
 class Cue(StrEnum):
-    """Which of the two estimates of λ flies the vehicle."""
+    """Which estimate of λ flies the vehicle."""
 
     STEREO = "stereo"
     MONO = "mono"
+    NONE = "none"
+    """None can be relied on: the vehicle stands still."""
+
+
+class TrustStatus(StrEnum):
+    """How far the learned estimate may be relied on."""
+
+    UNTRAINED = "untrained"
+    """It knows no λ yet."""
+    LEARNING = "learning"
+    """It knows λ, and has not shown yet that it may fly alone."""
+    TRUSTED = "trusted"
+    STALE = "stale"
+    """It was trusted, and does not fit what is seen now."""
 
 
 class Phase(StrEnum):
@@ -119,6 +133,9 @@ class Percept(msgspec.Struct, frozen=True, kw_only=True):
     """Share of pixels with a match: the quality of ``stereo_px``."""
     mono_px: float
     mono_std_px: float
+    mono_novelty: float = NAN
+    """How unlike all that was learned from the frame is: below 1 for 99 % of the frames of the
+    place that was learned, well above 1 elsewhere, or where one eye is covered."""
 
 
 class Goal(msgspec.Struct, frozen=True, kw_only=True):
@@ -147,6 +164,29 @@ class Decision(msgspec.Struct, frozen=True, kw_only=True):
     """Events since the phase began."""
     turns: int
     approaches: int
+    trust: TrustStatus = TrustStatus.UNTRAINED
+    certainty_norm: float = 1.0
+    """How sure the cue that flies is that the way is clear; 1 is full speed."""
+
+
+class TrustFigures(msgspec.Struct, frozen=True, kw_only=True):
+    """What the status of the learned estimate was judged by; NaN where nothing defines it."""
+
+    stamp_ns: int
+    status: TrustStatus
+    frames: int = 0
+    """In the window, on which both cues knew λ."""
+    approaches: int = 0
+    """In the window, that came to an obstacle."""
+    error_norm: float = NAN
+    """Mean square error over the variance of stereo's λ."""
+    recent_error_norm: float = NAN
+    """The last seconds' error over the same variance."""
+    auc: float = NAN
+    collision_probability: float = NAN
+    """Of an approach, with 95 % confidence no more than this."""
+    novelty: float = NAN
+    """Mean of the last seconds."""
 
 
 class CameraFault(StrEnum):
