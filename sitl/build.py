@@ -37,12 +37,13 @@ class MountedCamera:
     def calibration(self) -> StereoCalibration:
         return self._model.calibration
 
-    def expose(self) -> StereoFrame:
-        """The pair as of now: the middle of the exposure."""
+    def expose(self) -> StereoFrame | None:
+        """The pair as of now, the middle of the exposure; what faults leave of it."""
         truth, exposure_s = self._world.truth, self._model.settings.exposure_s
         offsets_s = np.linspace(-0.5, 0.5, BLUR_POSES) * exposure_s if exposure_s > 0.0 else (0.0,)
         poses = [_pose_at(truth, float(offset_s)) for offset_s in offsets_s]
-        return self._model.render_exposure(poses, self._world.stamp_ns)
+        frame = self._model.render_exposure(poses, self._world.stamp_ns)
+        return self._world.camera_faults.deliver(frame)
 
 
 def _pose_at(truth: AirframeState, offset_s: float) -> tuple[Vector3, NDArray[np.float64]]:
@@ -64,8 +65,11 @@ class Simulation:
         self.camera = camera
         self._steps = world.whole_steps(camera_rate_hz, "camera rate")
 
-    def next_frame(self) -> StereoFrame:
-        """Steps the world to the next multiple of the camera's period, and exposes there."""
+    def next_frame(self) -> StereoFrame | None:
+        """Steps the world to the next multiple of the camera's period, and exposes there.
+
+        None where faults leave nothing of the frame.
+        """
         done = round(self.world.time_s * self.world.physics_hz)
         for _ in range(self._steps - done % self._steps):
             self.world.step()

@@ -6,6 +6,7 @@ from msgspec import Meta
 
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
+from sitl.camera_faults import EyeFault, PairFault
 
 if TYPE_CHECKING:  # whoever asks another process for faults needs no flight dynamics
     from sitl.simulator import World
@@ -22,6 +23,18 @@ class Faults(Settings, frozen=True):
     """State of charge that the battery jumps to."""
     motor_efficiency_norm: tuple[Norm, Norm, Norm, Norm] | None = None
     """Thrust that each rotor still makes, over that of a sound one; in PX4's order."""
+    left_eye: EyeFault | None = None
+    """What becomes of its images; ``"none"`` mends it."""
+    right_eye: EyeFault | None = None
+    stereo_pair: PairFault | None = None
+    """What becomes of both together."""
+
+
+class TimedFaults(Faults, frozen=True, kw_only=True):
+    """Faults that begin by themselves."""
+
+    at_s: Annotated[float, Meta(ge=0.0)]
+    """The world's time, which begins before take-off."""
 
 
 def inject(world: "World", faults: Faults) -> float:
@@ -32,4 +45,7 @@ def inject(world: "World", faults: Faults) -> float:
         world.autopilot.set_charge(faults.charge_norm)
     for rotor, efficiency_norm in enumerate(faults.motor_efficiency_norm or ()):
         world.airframe.set_motor_efficiency(rotor, efficiency_norm)
+    world.camera_faults.left_eye = faults.left_eye or world.camera_faults.left_eye
+    world.camera_faults.right_eye = faults.right_eye or world.camera_faults.right_eye
+    world.camera_faults.pair = faults.stereo_pair or world.camera_faults.pair
     return world.time_s

@@ -13,6 +13,7 @@ from companion.kernel.errors import VehicleError
 from companion.kernel.frames import ned_from_hfrd
 from companion.kernel.messages import (
     NAN,
+    Event,
     FlightMode,
     LandedState,
     MocapPose,
@@ -22,7 +23,7 @@ from companion.kernel.messages import (
     Telemetry,
 )
 from companion.kernel.protocols import Rig
-from sitl.autopilot.interface import Ack, OffboardSetpoint
+from sitl.autopilot.interface import Ack, OffboardSetpoint, Severity
 from sitl.build import Simulation, build
 
 logger = logging.getLogger(__name__)
@@ -33,6 +34,8 @@ CLIMB_LIMIT_S = 30.0
 MODE_LIMIT_S = 2.0
 LAND_LIMIT_S = 60.0
 HEIGHT_TOLERANCE_M = 0.15
+TEXT_LENGTH = 50
+"""Characters that a STATUSTEXT holds."""
 
 
 @asynccontextmanager
@@ -93,7 +96,7 @@ class LockstepMocap:
 
 
 class LockstepCamera(_Opened):
-    """Renders the pair at each exposure; no frame is ever late or dropped."""
+    """Renders the pair at each exposure; no frame is late or dropped unless faults make it so."""
 
     frames_dropped = 0
 
@@ -107,7 +110,9 @@ class LockstepCamera(_Opened):
     async def frames(self) -> AsyncIterator[StereoFrame]:
         while True:
             await let_others_run()
-            yield self._simulation.next_frame()
+            frame = self._simulation.next_frame()
+            if frame is not None:
+                yield frame
 
 
 class LockstepVehicle(_Opened):
@@ -161,6 +166,10 @@ class LockstepVehicle(_Opened):
                 yaw_rate_rad_s=setpoint.yaw_rate_rad_s,
             )
         )
+
+    async def say(self, event: Event) -> None:
+        severity = Severity.__members__.get(event.severity.upper(), Severity.INFO)
+        self._autopilot.announce(severity, event.text[:TEXT_LENGTH])
 
     async def hold(self) -> None:
         self._accept(self._autopilot.set_mode(FlightMode.HOLD), "hold")

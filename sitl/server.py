@@ -50,7 +50,9 @@ class SteppedWorld(Protocol):
 class ExposedCamera(Protocol):
     """Renders what the pair sees now."""
 
-    def expose(self) -> StereoFrame: ...
+    def expose(self) -> StereoFrame | None:
+        """None where the camera sends nothing."""
+        ...
 
 
 class CameraServer:
@@ -138,7 +140,8 @@ class RealTimeServer:
             self._frame_due_s += self._frame_period_s
             frame = self._camera.expose()
             self._frames.publish_truth(self._world.mocap)
-            self._frames.publish_frame(frame)
+            if frame is not None:
+                self._frames.publish_frame(frame)
             self._report_crash()
 
     def _report_crash(self) -> None:

@@ -7,6 +7,7 @@ from msgspec import Meta
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
 from sitl.arena.camera import CameraSettings
+from sitl.faults import TimedFaults
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
@@ -52,3 +53,5 @@ class SitlSettings(Settings, frozen=True):
     estimator: EstimatorSettings = EstimatorSettings()
     battery: BatterySettings = BatterySettings()
     camera: CameraSettings = CameraSettings()
+    faults: tuple[TimedFaults, ...] = ()
+    """What goes wrong, and when."""

@@ -12,6 +12,8 @@ from companion.kernel.frames import Vector3, quaternion_from_euler
 from companion.kernel.messages import LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
+from sitl.camera_faults import CameraFaults
+from sitl.faults import inject
 from sitl.hull import (
     CRASH_SPEED_M_S,
     HULL_RADIUS_M,
@@ -26,6 +28,7 @@ _log = logging.getLogger(__name__)
 
 MOCAP_HZ: Final = 100
 _MOCAP_KEPT: Final = 600 * MOCAP_HZ  # poses that wait for a reader; then the oldest go
+_FAULTS_STREAM: Final = 2  # key among those spawned from the seed; 0 and 1 are autopilot and camera
 # Contact is looked for at every step of the physics when the hull is closer to the room than this,
 # or the feet to the floor in a fall.
 _NEAR_M: Final = 0.15
@@ -74,6 +77,10 @@ class World:
             settings.battery,
         )
         self._apply_parameters()
+        self.camera_faults = CameraFaults(
+            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_FAULTS_STREAM,)))
+        )
+        self._faults_to_come = deque(sorted(settings.faults, key=lambda faults: faults.at_s))
         self.mocap: deque[MocapPose] = deque(maxlen=_MOCAP_KEPT)
         self._walls, self._floor = ContactCounter(), ContactCounter()
         self._pushed = self._near = False
@@ -146,6 +153,8 @@ class World:
         self._apply_parameters()
 
     def _control(self) -> None:
+        while self._faults_to_come and self._faults_to_come[0].at_s <= self.time_s:
+            inject(self, self._faults_to_come.popleft())
         if self._physical_parameters() != self._physical:
             self._apply_parameters()
         command = self.autopilot.update(self._read())

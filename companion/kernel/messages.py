@@ -16,13 +16,16 @@ NAN = math.nan
 class StereoFrame(msgspec.Struct, frozen=True, eq=False):
     """A synchronised grey stereo pair.
 
-    left, right: uint8 of shape (height, width), raw (not rectified). ``stamp_ns`` is the middle of
-    the exposure, in nanoseconds of the camera's clock.
+    left, right: uint8 of shape (height, width), raw (not rectified); of shape (0, 0) from an eye
+    that sent nothing. ``stamp_ns`` is the middle of the left eye's exposure, in nanoseconds of the
+    camera's clock.
     """
 
     stamp_ns: int
     left: NDArray[np.uint8]
     right: NDArray[np.uint8]
+    skew_ns: int = 0
+    """How much later the right eye was exposed."""
 
 
 class FlightMode(StrEnum):
@@ -189,6 +192,43 @@ class TrustFigures(msgspec.Struct, frozen=True, kw_only=True):
     """Of an approach, with 95 % confidence no more than this."""
     novelty: float = NAN
     """Mean of the last seconds."""
+
+
+class CameraFault(StrEnum):
+    """What can be wrong with one eye, or with the two as a pair; the text is how logs name it."""
+
+    NO_FRAMES = "no frames"
+    FROZEN = "frozen"
+    BLACK = "black"
+    SATURATED = "saturated"
+    HALF = "half a frame"
+    TORN = "torn"
+    BLURRED = "contrast lost"
+    LATE = "late frames"
+    SWAPPED = "left and right swapped"
+    DECALIBRATED = "decalibrated"
+    UNMATCHED = "eyes do not match"
+    DESYNCHRONISED = "stamps out of step"
+
+
+class Health(msgspec.Struct, frozen=True, kw_only=True):
+    """The state of the cameras, written when it changes: what may be flown on and learned from, the
+    ``CameraFault`` of each eye, of their matching and of their timing ("" for none), and the
+    figures that show it.
+    """
+
+    stamp_ns: int
+    stereo: bool
+    left: bool
+    right: bool
+    left_fault: str
+    right_fault: str
+    pair_fault: str
+    timing_fault: str
+    left_evidence: str
+    right_evidence: str
+    pair_evidence: str
+    timing_evidence: str
 
 
 class Event(msgspec.Struct, frozen=True, kw_only=True):
