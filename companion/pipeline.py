@@ -28,6 +28,7 @@ from companion.plan import Plan
 from companion.risk import Approach, Wishes, choose_threshold_px
 from companion.safety import Reaction, Verdict, check, react_to_age
 from companion.scorecard import Account, Scorecard
+from companion.spread import SpreadScale
 from companion.stereo import StereoMatcher
 from companion.switch import Choice, Switch, Thresholds
 from companion.tether import way_back_rad
@@ -72,6 +73,7 @@ class Pipeline:
             plan.learner.detection_distance_m,
             trust_rng,
         )
+        self.spread = SpreadScale()
         self.phase = Phase.INITIAL
         self.samples_learned = 0
         self.thresholds = self._choose_thresholds()
@@ -136,14 +138,17 @@ class Pipeline:
                 features, stereo.disparity_px, self.matcher.last_map
             )
         of_stereo = stereo_estimate(stereo.disparity_px, stereo.valid_norm)
-        of_mono = Estimate(mono.mono_px, mono.std_px)
+        std_px = self.spread.of(mono.std_px)
+        if available.stereo:
+            self.spread.learn(mono.mono_px - stereo.disparity_px, mono.std_px)
+        of_mono = Estimate(mono.mono_px, std_px)
         fused = fuse(of_stereo if available.stereo else UNKNOWN, of_mono)
         return Percept(
             stamp_ns=frame.stamp_ns,
             stereo_px=stereo.disparity_px,
             stereo_valid_norm=stereo.valid_norm,
             mono_px=mono.mono_px,
-            mono_std_px=mono.std_px,
+            mono_std_px=std_px,
             mono_novelty=mono.novelty,
             fused_px=fused.disparity_px,
             fused_std_px=fused.std_px,
