@@ -44,7 +44,7 @@ class TrustSettings(Settings, frozen=True):
     """In the window, that came to an obstacle."""
     error_norm: Positive = 0.5
     """Mean square error over the variance of stereo's λ: at most."""
-    auc: Share = 0.93
+    auc: Share = 0.9
     """Area under the ROC curve: at least."""
     collision_probability: Share = 0.05
     """Of an approach, as companion/risk.py predicts it with 95 % confidence: at most."""
