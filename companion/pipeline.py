@@ -33,7 +33,7 @@ from companion.stereo import StereoMatcher
 from companion.switch import Choice, Switch, Thresholds
 from companion.tether import way_back_rad
 from companion.textons import TextonDictionary
-from companion.trust import TrustMonitor, event_of
+from companion.trust import TrustHistory, TrustMonitor, event_of
 
 PHASES_OF_LEARNING = (Phase.INITIAL, Phase.LEARNING)
 
@@ -74,6 +74,7 @@ class Pipeline:
             trust_rng,
         )
         self.spread = SpreadScale()
+        self.trust_history = TrustHistory()
         self.phase = Phase.INITIAL
         self.samples_learned = 0
         self.thresholds = self._choose_thresholds()
@@ -104,6 +105,7 @@ class Pipeline:
         judged = self.trust.update(
             percept, self.behaviour.state, self.thresholds.mono_px, available.stereo
         )
+        self.trust_history.note(frame.stamp_ns, decision.trust)
         changed = self.trust.status is not decision.trust
         return Step(
             percept,

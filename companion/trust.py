@@ -60,6 +60,26 @@ class TrustSettings(Settings, frozen=True):
     """A change of status must have been due for this long."""
 
 
+class TrustHistory:
+    """When the status changed, of a flight or of its log."""
+
+    def __init__(self) -> None:
+        self.status = TrustStatus.UNTRAINED
+        self.trusted_after_s = math.nan
+        """From the first frame to the first that was trusted."""
+        self.times_lost = 0
+        self._began_ns: int | None = None
+
+    def note(self, stamp_ns: int, status: TrustStatus) -> None:
+        """The status on a frame."""
+        if self._began_ns is None:
+            self._began_ns = stamp_ns
+        if status is TrustStatus.TRUSTED and math.isnan(self.trusted_after_s):
+            self.trusted_after_s = (stamp_ns - self._began_ns) * 1e-9
+        self.times_lost += status is TrustStatus.STALE and self.status is not status
+        self.status = status
+
+
 class TrustMonitor:
     """Follows the flight frame by frame, and judges once a second.
 
