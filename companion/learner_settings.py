@@ -21,12 +21,15 @@ TABLE_I = {
 """The paper's Table I, by the path of the setting."""
 
 
+Target = Literal["linear", "log"]
+
+
 class Design(NamedTuple):
     """How the estimate is made."""
 
     features: Kind
     regressor: str
-    target: Literal["linear", "log"]
+    target: Target
     views: int
 
 
@@ -46,10 +49,13 @@ class LearnerSettings(Settings, frozen=True):
     "none" is the paper's design with all numbers free."""
     features: Kind | None = None
     regressor: str | None = None
-    target: Literal["linear", "log"] | None = None
+    target: Target | None = None
     """The regressor learns λ or its logarithm: near ones must not drown far ones."""
     views: Annotated[int, Meta(ge=0, le=32)] | None = None
     """Mirrored and enlarged views learned from beside each image."""
+    output: Literal["scalar", "map"] = "scalar"
+    """"map" learns λ of each of 6 x 8 cells, and takes the image's λ from them; by a ridge,
+    whatever ``regressor`` says."""
     eye: Literal["left", "right"] = "left"
     label: Label = "mean"
     """What stereo's λ is: mean of the disparities, or the value that the top 24 % exceed."""

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.behaviour import Behaviour
+from companion.cells import CellMap, freer_side
 from companion.certainty import certainty_norm, with_speed_for
 from companion.fusion import UNKNOWN, Estimate, fuse, stereo_estimate
 from companion.kernel.calibration import StereoCalibration
@@ -15,6 +16,7 @@ from companion.kernel.messages import (
     Decision,
     Event,
     Goal,
+    MonoMap,
     Percept,
     Phase,
     StereoFrame,
@@ -22,10 +24,9 @@ from companion.kernel.messages import (
     TrustFigures,
 )
 from companion.learner import Learner
-from companion.performance import threshold_for_tpr_px
 from companion.pilot import fly_to
 from companion.plan import Plan
-from companion.risk import Approach, Wishes, choose_threshold_px
+from companion.risk import Approach
 from companion.safety import Reaction, Verdict, check, react_to_age
 from companion.scorecard import Account, Scorecard
 from companion.spread import SpreadScale
@@ -33,9 +34,8 @@ from companion.stereo import StereoMatcher
 from companion.switch import Choice, Switch, Thresholds
 from companion.tether import way_back_rad
 from companion.textons import TextonDictionary
+from companion.thresholds import choose_thresholds
 from companion.trust import TrustHistory, TrustMonitor, event_of
-
-PHASES_OF_LEARNING = (Phase.INITIAL, Phase.LEARNING)
 
 
 class Step(NamedTuple):
@@ -44,6 +44,8 @@ class Step(NamedTuple):
     percept: Percept
     decision: Decision
     verdict: Verdict
+    mono_map: MonoMap | None = None
+    """Where the learner makes maps, and has learned to."""
     trust: TrustFigures | None = None
     """Where it was time to judge."""
     events: tuple[Event, ...] = ()
@@ -87,7 +89,7 @@ class Pipeline:
         elapsed_s = self._elapsed_s(frame.stamp_ns)
         self._enter_phase_at(elapsed_s)
         available = Availability(stereo=not self.plan.experiment.stereo_is_over(elapsed_s))
-        percept = self._perceive_and_learn(frame, available)
+        percept, mono_map_px = self._perceive_and_learn(frame, available)
         choice = self.switch.choose(
             percept,
             self.phase,
@@ -97,23 +99,28 @@ class Pipeline:
             self.trust.status,
         )
         certainty = certainty_norm(choice, percept)
-        goal = self._goal(frame.stamp_ns, choice, certainty, telemetry)
+        freer_sign = self._freer_sign(choice.cue, mono_map_px)
+        goal = self._goal(frame.stamp_ns, choice, certainty, freer_sign, telemetry)
         account = self.scorecard.record(
             percept, self.phase, choice, self.behaviour.state, self.thresholds.mono_px
         )
         decision = self._decision(frame.stamp_ns, choice, certainty, account)
+        verdict = self._command(frame.stamp_ns, choice, goal, telemetry)
+        mono_map = _map_message(frame.stamp_ns, mono_map_px)
+        return Step(percept, decision, verdict, mono_map, *self._judge(percept, available))
+
+    def _judge(
+        self, percept: Percept, available: Availability
+    ) -> tuple[TrustFigures | None, tuple[Event, ...]]:
+        """Whether mono may be trusted from the next frame on; a change is an event."""
+        before = self.trust.status
+        self.trust_history.note(percept.stamp_ns, before)
         judged = self.trust.update(
             percept, self.behaviour.state, self.thresholds.mono_px, available.stereo
         )
-        self.trust_history.note(frame.stamp_ns, decision.trust)
-        changed = self.trust.status is not decision.trust
-        return Step(
-            percept,
-            decision,
-            self._command(frame.stamp_ns, choice, goal, telemetry),
-            self.trust.figures if judged else None,
-            (event_of(self.trust.figures),) if changed else (),
-        )
+        figures = self.trust.figures
+        changed = figures.status is not before
+        return figures if judged else None, (event_of(figures),) if changed else ()
 
     def _elapsed_s(self, stamp_ns: int) -> float:
         """Since the first frame."""
@@ -130,7 +137,9 @@ class Pipeline:
                 self.learner.freeze()
             self.phase = phase
 
-    def _perceive_and_learn(self, frame: StereoFrame, available: Availability) -> Percept:
+    def _perceive_and_learn(
+        self, frame: StereoFrame, available: Availability
+    ) -> tuple[Percept, CellMap | None]:
         """Predicts first, then learns from the frame: estimates stay prequential."""
         stereo = self.matcher.match(frame.left, frame.right)
         features = self.learner.observe(self.learner.image_of(frame))
@@ -145,7 +154,7 @@ class Pipeline:
             self.spread.learn(mono.mono_px - stereo.disparity_px, mono.std_px)
         of_mono = Estimate(mono.mono_px, std_px)
         fused = fuse(of_stereo if available.stereo else UNKNOWN, of_mono)
-        return Percept(
+        percept = Percept(
             stamp_ns=frame.stamp_ns,
             stereo_px=stereo.disparity_px,
             stereo_valid_norm=stereo.valid_norm,
@@ -155,15 +164,32 @@ class Pipeline:
             fused_px=fused.disparity_px,
             fused_std_px=fused.std_px,
         )
+        return percept, mono.map_px
 
-    def _goal(self, stamp_ns: int, choice: Choice, certainty: float, telemetry: Telemetry) -> Goal:
+    def _freer_sign(self, cue: Cue, mono_map_px: CellMap | None) -> int:
+        """The side that is freer in the eyes of the cue that flies; 0 where nobody asks."""
+        if self.plan.behaviour.turn_to == "random":
+            return 0
+        map_px = self.matcher.last_map() if cue is Cue.STEREO else mono_map_px
+        return 0 if map_px is None else freer_side(map_px)
+
+    def _goal(
+        self,
+        stamp_ns: int,
+        choice: Choice,
+        certainty: float,
+        freer_sign: int,
+        telemetry: Telemetry,
+    ) -> Goal:
         """The behaviour's, no faster than certainty allows; without a cue it stands still."""
         settings = self.plan.behaviour
         if choice.cue is Cue.NONE:
             return Goal(forward_speed_m_s=0.0, heading_rad=telemetry.yaw_rad, turn_sign=0)
         north_m, east_m, _ = telemetry.position_ned_m
         back_rad = way_back_rad(settings.zone, self._elapsed_s(stamp_ns), north_m, east_m)
-        goal = self.behaviour.step(stamp_ns, choice.blocked, telemetry.yaw_rad, back_rad)
+        goal = self.behaviour.step(
+            stamp_ns, choice.blocked, telemetry.yaw_rad, freer_sign, back_rad
+        )
         return with_speed_for(goal, certainty, settings) if settings.speed_by_certainty else goal
 
     def _command(self, stamp_ns: int, choice: Choice, goal: Goal, telemetry: Telemetry) -> Verdict:
@@ -205,43 +231,15 @@ class Pipeline:
         )
 
     def _choose_thresholds(self) -> Thresholds:
-        """Mono's comes from the samples of all learning so far, where the plan says so.
-
-        While those hold no positive it is the fixed one.
-        """
-        behaviour, learner = self.plan.behaviour, self.plan.learner
-        stereo_px = behaviour.turn_threshold_px
-        chosen_px = math.nan
-        if learner.threshold == "roc":
-            chosen_px = self._threshold_from_roc_px(stereo_px, learner.wanted_tpr)
-        elif learner.threshold == "risk":
-            chosen_px = self._threshold_from_risk_px(stereo_px)
-        mono_px = learner.fixed_threshold_px(stereo_px) if math.isnan(chosen_px) else chosen_px
-        return Thresholds(
-            stereo_px,
-            mono_px,
-            behaviour.override_threshold_px,
-            caution_std=learner.caution_std,
-            novelty=math.inf if learner.novelty_limit is None else learner.novelty_limit,
-        )
-
-    def _threshold_from_roc_px(self, positive_px: float, wanted_tpr: float) -> float:
-        """NaN while no positive was seen."""
-        seen = [self.scorecard.accounts[phase].estimates() for phase in PHASES_OF_LEARNING]
-        stereo_px, mono_px = (np.concatenate(values) for values in zip(*seen, strict=True))
-        return threshold_for_tpr_px(mono_px, stereo_px, positive_px, wanted_tpr)
-
-    def _threshold_from_risk_px(self, positive_px: float) -> float:
-        """NaN while no positive was seen."""
-        learner = self.plan.learner
-        wishes = Wishes(
-            learner.wanted_collision_probability,
-            learner.wanted_spurious_turns_per_m,
-            learner.detection_distance_m,
-        )
         approach = approach_of(self.plan, self.matcher.calibration)
-        samples = self.scorecard.approach_samples(PHASES_OF_LEARNING)
-        return choose_threshold_px(samples, approach, wishes, self._risk_rng)
+        return choose_thresholds(self.plan, approach, self.scorecard, self._risk_rng)
+
+
+def _map_message(stamp_ns: int, map_px: CellMap | None) -> MonoMap | None:
+    if map_px is None:
+        return None
+    cells_px = tuple(map_px.reshape(-1).tolist())
+    return MonoMap(stamp_ns=stamp_ns, columns=map_px.shape[1], disparity_px=cells_px)
 
 
 def approach_of(plan: Plan, calibration: StereoCalibration) -> Approach:

@@ -144,6 +144,15 @@ class Percept(msgspec.Struct, frozen=True, kw_only=True):
     fused_std_px: float = NAN
 
 
+class MonoMap(msgspec.Struct, frozen=True, kw_only=True):
+    """λ as one eye sees it in each cell of the image, NaN while unknown; row by row from the top
+    left, ``columns`` to a row."""
+
+    stamp_ns: int
+    columns: int
+    disparity_px: tuple[float, ...]
+
+
 class Goal(msgspec.Struct, frozen=True, kw_only=True):
     """What the behaviour wants: fly ahead or turn towards a heading (NaN: turn on and on)."""
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from companion.health import CameraHealth, HealthSettings
-from companion.kernel.messages import CameraFault, FlightMode, Percept
+from companion.kernel.messages import Availability, CameraFault, FlightMode, Percept
 from companion.stereo import StereoMatcher, StereoSettings
 from sitl.autopilot.interface import OffboardSetpoint
 from sitl.build import build
