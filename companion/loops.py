@@ -159,5 +159,9 @@ def _write(log: FlightLogWriter, frame: StereoFrame, telemetry: Telemetry, step:
     if step.mono_map is not None:
         log.write(Topic.MAP, step.mono_map)
     log.write(Topic.DECISION, step.decision)
+    if step.trust is not None:
+        log.write(Topic.TRUST, step.trust)
+    for event in step.events:
+        log.write(Topic.EVENT, event)
     log.write(Topic.SETPOINT, step.verdict.setpoint)
     log.write(Topic.TELEMETRY, telemetry, log_time_ns=frame.stamp_ns)

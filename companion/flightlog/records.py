@@ -27,6 +27,7 @@ class Topic(StrEnum):
     PERCEPT = "/percept"
     MAP = "/map"
     DECISION = "/decision"
+    TRUST = "/trust"
     SETPOINT = "/setpoint"
     MOCAP = "/mocap"
     EVENT = "/event"
