@@ -7,24 +7,28 @@ import numpy as np
 
 from companion.behaviour import Behaviour
 from companion.certainty import certainty_norm, with_speed_for
+from companion.health import CameraHealth
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.messages import (
-    Availability,
     Cue,
     Decision,
+    Event,
     Goal,
+    Health,
     Percept,
     Phase,
     StereoFrame,
     Telemetry,
     TrustFigures,
+    TrustStatus,
 )
 from companion.learner import Learner
+from companion.perception import Perception
 from companion.performance import threshold_for_tpr_px
 from companion.pilot import fly_to
 from companion.plan import Plan
 from companion.risk import Approach, Wishes, choose_threshold_px
-from companion.safety import Reaction, Verdict, check, react_to_age
+from companion.safety import Verdict, check, react_to_age
 from companion.scorecard import Account, Scorecard
 from companion.stereo import StereoMatcher
 from companion.switch import Choice, Switch, Thresholds
@@ -43,6 +47,9 @@ class Step(NamedTuple):
     verdict: Verdict
     trust: TrustFigures | None = None
     """Where it was time to judge."""
+    health: Health | None = None
+    """Where it has changed."""
+    events: tuple[Event, ...] = ()
 
 
 class Pipeline:
@@ -68,6 +75,8 @@ class Pipeline:
             plan.learner.detection_distance_m,
             trust_rng,
         )
+        self.health = CameraHealth(plan.health, plan.safety.stop_after_s)
+        self.perception = Perception(self.matcher, self.learner, self.health)
         self.phase = Phase.INITIAL
         self.samples_learned = 0
         self.thresholds = self._choose_thresholds()
@@ -75,12 +84,22 @@ class Pipeline:
         self._sighted_ns = 0
         """The newest frame that some cue could fly on."""
 
-    def step(self, frame: StereoFrame, telemetry: Telemetry) -> Step:
-        """One frame on. Raises CameraError for a frame of the wrong size."""
+    def step(self, frame: StereoFrame, telemetry: Telemetry, arrived_s: float = math.nan) -> Step:
+        """One frame on. Raises CameraError for a frame of the wrong size.
+
+        ``arrived_s``: when the frame came, on any clock; NaN where nobody knows.
+        """
         elapsed_s = self._elapsed_s(frame.stamp_ns)
         self._enter_phase_at(elapsed_s)
-        available = Availability(stereo=not self.plan.experiment.stereo_is_over(elapsed_s))
-        percept = self._perceive_and_learn(frame, available)
+        percept, features = self.perception.see(frame, arrived_s)
+        outlook = self.health.conclude(percept, self.trust.status is TrustStatus.TRUSTED)
+        available = outlook.available
+        if self.plan.experiment.stereo_is_over(elapsed_s):
+            available = available._replace(stereo=False)
+        if available.stereo:
+            self.samples_learned += self.learner.learn(
+                features, percept.stereo_px, self.matcher.last_map
+            )
         choice = self.switch.choose(
             percept,
             self.phase,
@@ -103,6 +122,8 @@ class Pipeline:
             decision,
             self._command(frame.stamp_ns, choice, goal, telemetry),
             self.trust.figures if judged else None,
+            outlook.record,
+            outlook.events,
         )
 
     def _elapsed_s(self, stamp_ns: int) -> float:
@@ -120,24 +141,6 @@ class Pipeline:
                 self.learner.freeze()
             self.phase = phase
 
-    def _perceive_and_learn(self, frame: StereoFrame, available: Availability) -> Percept:
-        """Predicts first, then learns from the frame: estimates stay prequential."""
-        stereo = self.matcher.match(frame.left, frame.right)
-        features = self.learner.observe(self.learner.image_of(frame))
-        mono = self.learner.predict(features)
-        if available.stereo:
-            self.samples_learned += self.learner.learn(
-                features, stereo.disparity_px, self.matcher.last_map
-            )
-        return Percept(
-            stamp_ns=frame.stamp_ns,
-            stereo_px=stereo.disparity_px,
-            stereo_valid_norm=stereo.valid_norm,
-            mono_px=mono.mono_px,
-            mono_std_px=mono.std_px,
-            mono_novelty=mono.novelty,
-        )
-
     def _goal(self, stamp_ns: int, choice: Choice, certainty: float, telemetry: Telemetry) -> Goal:
         """The behaviour's, no faster than certainty allows; without a cue it stands still."""
         settings = self.plan.behaviour
@@ -149,7 +152,7 @@ class Pipeline:
         return with_speed_for(goal, certainty, settings) if settings.speed_by_certainty else goal
 
     def _command(self, stamp_ns: int, choice: Choice, goal: Goal, telemetry: Telemetry) -> Verdict:
-        """The safe setpoint; lands where no cue could be relied on for too long."""
+        """The safe setpoint; holds and lands where no cue could be relied on for too long."""
         behaviour = self.plan.behaviour
         setpoint = fly_to(
             goal,
@@ -162,11 +165,14 @@ class Pipeline:
         verdict = check(setpoint, telemetry, self.plan.safety)
         if choice.cue is not Cue.NONE:
             self._sighted_ns = stamp_ns
-        blind_s = (stamp_ns - self._sighted_ns) * 1e-9
-        if react_to_age(blind_s, self.plan.safety) is Reaction.LAND:
-            reason = f"stereo is gone, and the estimate of one eye is {self.trust.status.value}"
-            return verdict._replace(reaction=Reaction.LAND, reason=reason)
+        reaction = react_to_age((stamp_ns - self._sighted_ns) * 1e-9, self.plan.safety)
+        if reaction > verdict.reaction:
+            return verdict._replace(reaction=reaction, reason=self._why_blind())
         return verdict
+
+    def _why_blind(self) -> str:
+        faults = f" ({self.health.faults})" if self.health.faults else ""
+        return f"stereo is gone{faults}, and the estimate of one eye is {self.trust.status.value}"
 
     def _decision(
         self, stamp_ns: int, choice: Choice, certainty: float, account: Account

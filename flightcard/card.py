@@ -115,7 +115,7 @@ class FlightCard:
         self._run(self._rig.vehicle.land())
 
     def inject(self, **faults: Any) -> float:  # noqa: ANN401 - checked against Faults
-        """``wind_ned_m_s``, ``charge_norm``, ``motor_efficiency_norm``; the time they act from."""
+        """Keywords of ``sitl.faults.Faults``; the time they act from."""
         return self._run(self._machine.inject(convert_settings(faults, Faults, "inject")))
 
     def next_frame(self) -> StereoFrame:

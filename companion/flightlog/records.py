@@ -30,6 +30,7 @@ class Topic(StrEnum):
     SETPOINT = "/setpoint"
     MOCAP = "/mocap"
     EVENT = "/event"
+    HEALTH = "/health"
     LEFT = "/camera/left"
     RIGHT = "/camera/right"
 
