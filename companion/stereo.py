@@ -131,7 +131,7 @@ class StereoMatcher:
     def last_matches(self) -> Matches:
         """Those of the pair matched last."""
         if self._matches is None:
-            raise RuntimeError("nothing was matched yet")
+            raise RuntimeError("this needs a pair that was matched")
         return self._matches
 
     def last_map(self) -> NDArray[np.float32]:

@@ -78,7 +78,8 @@ def test_without_an_eye_to_fly_on_it_stops_holds_and_lands(fly_lockstep, when, w
 
 def test_stereo_that_comes_back_flies_again_once_it_agrees(fly_lockstep):
     flown = fly_lockstep(
-        *PHASES, *EAGER, faults(at_40={"right_eye": "dirty"}, at_46={"right_eye": "none"})
+        *(*PHASES, *EAGER, "behaviour.forward_speed_m_s=0.2"),
+        faults(at_40={"right_eye": "dirty"}, at_44={"right_eye": "none"}),
     )
     assert (flown.summary.outcome, flown.summary.collisions) == ("flown", 0)
     said = texts(flown)
