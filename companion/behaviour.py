@@ -4,7 +4,7 @@ It sees no disparity: the switch has compared λ with the threshold of the cue t
 """
 
 import math
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from msgspec import Meta
@@ -37,6 +37,8 @@ class BehaviourSettings(Settings, frozen=True):
     """Its speed while it is not certain at all, and yet sees no obstacle."""
     yaw_rate_deg_s: Annotated[float, Meta(gt=0, le=180)] = 45.0
     heading_tolerance_deg: Annotated[float, Meta(gt=0, le=45)] = 5.0
+    turn_to: Literal["random", "freer"] = "random"
+    """The side that it turns to; how far is drawn at random in any case."""
     unknown_limit_s: Positive = 1.0
     """λ unknown for longer while flying ahead counts as blocked: turn away."""
     height_m: Annotated[float, Meta(gt=0.2, le=10)] = 1.2
@@ -69,14 +71,19 @@ class Behaviour:
         stamp_ns: int,
         blocked: bool | None,
         yaw_rad: float,
+        freer_sign: int = 0,
         way_back_rad: float | None = None,
     ) -> Goal:
-        """One frame on. ``blocked`` is None while λ is unknown, ``way_back_rad`` in the zone."""
+        """One frame on. ``blocked`` is None while λ is unknown, ``way_back_rad`` in the zone.
+
+        ``freer_sign``: +1 where the way is freer on the right, -1 on the left, 0 unknown.
+        """
         if math.isnan(self._heading_rad) and self.state is BehaviourState.STRAIGHT:
             self._heading_rad = yaw_rad
         if self.state is BehaviourState.STRAIGHT:
             if self._must_turn(stamp_ns, blocked):
-                self._begin_turn(stamp_ns, yaw_rad, self._random_turn_rad(yaw_rad, way_back_rad))
+                turn_rad = self._random_turn_rad(yaw_rad, way_back_rad, freer_sign)
+                self._begin_turn(stamp_ns, yaw_rad, turn_rad)
             elif way_back_rad is not None and self._strays(stamp_ns, way_back_rad):
                 self._begin_turn(stamp_ns, yaw_rad, wrap_angle_rad(way_back_rad - yaw_rad))
         elif self.state is BehaviourState.SEARCH or self._aligned(yaw_rad):
@@ -100,12 +107,17 @@ class Behaviour:
         detour = self._turned_ns is not None and stamp_ns - self._turned_ns < DETOUR_NS
         return off_rad > ASTRAY_RAD and not detour
 
-    def _random_turn_rad(self, yaw_rad: float, way_back_rad: float | None) -> float:
+    def _random_turn_rad(
+        self, yaw_rad: float, way_back_rad: float | None, freer_sign: int
+    ) -> float:
         """Anywhere; out of the zone anywhere that does not lead further away."""
-        if way_back_rad is None:
-            return self._rng.uniform(-math.pi, math.pi)
-        heading_rad = way_back_rad + self._rng.uniform(-math.pi / 2, math.pi / 2)
-        return wrap_angle_rad(heading_rad - yaw_rad)
+        if way_back_rad is not None:
+            heading_rad = way_back_rad + self._rng.uniform(-math.pi / 2, math.pi / 2)
+            return wrap_angle_rad(heading_rad - yaw_rad)
+        turn_rad = self._rng.uniform(-math.pi, math.pi)
+        if self.settings.turn_to == "freer" and freer_sign:
+            turn_rad = math.copysign(turn_rad, freer_sign)
+        return turn_rad
 
     def _begin_turn(self, stamp_ns: int, yaw_rad: float, turn_rad: float) -> None:
         self._heading_rad = wrap_angle_rad(yaw_rad + turn_rad)

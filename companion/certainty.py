@@ -19,12 +19,14 @@ def certainty_norm(choice: Choice, percept: Percept) -> float:
     """
     if choice.cue is Cue.STEREO:
         return 1.0
-    if choice.cue is Cue.NONE or math.isnan(percept.mono_std_px):
+    fused = choice.cue is Cue.FUSED
+    std_px = percept.fused_std_px if fused else percept.mono_std_px
+    if choice.cue is Cue.NONE or math.isnan(std_px):
         return 0.0
-    margin_px = choice.threshold_px - choice.disparity_px
-    clear = _share(margin_px, 0.0, SURE_STD * percept.mono_std_px)
-    strange = _share(percept.mono_novelty, FAMILIAR_NOVELTY, STRANGE_NOVELTY)
-    return clear * (1.0 - strange)
+    clear = _share(choice.threshold_px - choice.disparity_px, 0.0, SURE_STD * std_px)
+    if fused:
+        return clear
+    return clear * (1.0 - _share(percept.mono_novelty, FAMILIAR_NOVELTY, STRANGE_NOVELTY))
 
 
 def with_speed_for(goal: Goal, certainty: float, settings: BehaviourSettings) -> Goal:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion import gradients
+from companion.cells import COLUMNS, ROWS
 from companion.kernel.errors import PlanError
 from companion.textons import TextonDictionary, TextonEncoder, TextonSettings, TextonTrainer
 
@@ -31,6 +32,10 @@ class Extractor(Protocol):
         """Features of an image (height, width); None while it can only be learned from."""
         ...
 
+    def cells(self, image: Grey) -> Features:
+        """Features of each cell of an image alone, (CELLS, n). It must be ready."""
+        ...
+
     def adopt(self, dictionary: TextonDictionary) -> None:
         """Uses these textons from here on. Raises PlanError where they do not fit."""
         ...
@@ -44,6 +49,9 @@ class GradientFeatures:
 
     def observe(self, image: Grey, frozen: bool) -> Features | None:
         return gradients.encode(gradients.shrink(image))
+
+    def cells(self, image: Grey) -> Features:
+        return gradients.encode_cells(gradients.shrink(image))
 
     def adopt(self, dictionary: TextonDictionary) -> None:
         raise PlanError('learner.dictionary: features "gradients" use no textons')
@@ -77,6 +85,11 @@ class TextonFeatures:
             if self._trainer.finished:
                 self.adopt(self._trainer.dictionary)
         return None
+
+    def cells(self, image: Grey) -> Features:
+        if self._encoder is None:
+            raise RuntimeError("cells need a dictionary")
+        return self._encoder.encode_cells(image, ROWS, COLUMNS)
 
     def adopt(self, dictionary: TextonDictionary) -> None:
         textons = self._settings

@@ -8,8 +8,8 @@ gives it.
 import math
 from typing import NamedTuple
 
-STEREO_FLOOR_PX = 0.1
-STEREO_UNMATCHED_NORM = 0.3
+STEREO_FLOOR_PX = 0.05
+STEREO_UNMATCHED_NORM = 0.2
 """Share of λ by which stereo errs where nothing matched; it errs less with the share that did."""
 
 

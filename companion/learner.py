@@ -7,26 +7,27 @@ the target. What it has learned stays when stereo is gone.
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from companion import gradients, regressors
+from companion.estimators import (
+    Estimate,
+    Estimator,
+    MapEstimator,
+    MapOf,
+    ScalarEstimator,
+    Seen,
+    part,
+    whole,
+)
 from companion.features import Extractor, Features, GradientFeatures, Grey, TextonFeatures
 from companion.kernel.errors import PlanError
 from companion.kernel.messages import StereoFrame
 from companion.learner_settings import LearnerSettings
 from companion.novelty import Novelty
 from companion.textons import TextonDictionary
-from companion.views import views_of
-
-MapOf = Callable[[], NDArray[np.float32]]
-"""Gives the disparity map (height, width) of the pair just matched, NaN where unmatched."""
-
-LOG_OFFSET_PX, LOG_FLOOR_PX = 0.5, -0.4
-"""log(λ + offset) is learned, of λ no less than the floor; a poor calibration makes λ negative."""
 
 
 class MonoEstimate(NamedTuple):
@@ -38,6 +39,24 @@ class MonoEstimate(NamedTuple):
     """Averaged over the same frames."""
     novelty: float
     """Of the newest frame alone: see companion.novelty."""
+    map_px: NDArray[np.float32] | None = None
+    """λ of each cell (companion.cells) of the newest frame, where ``learner.output`` is "map"."""
+
+
+class _Lesson(NamedTuple):
+    """What a frame teaches once it has waited."""
+
+    seen: Seen
+    disparity_px: float
+    map_of: MapOf | None
+
+    @classmethod
+    def of(cls, seen: Seen, disparity_px: float, map_of: MapOf | None) -> Self:
+        """With a map made now, from the pair just matched."""
+        if map_of is None:
+            return cls(seen, disparity_px, None)
+        map_px = map_of()
+        return cls(seen, disparity_px, lambda: map_px)
 
 
 class LearnerState(NamedTuple):
@@ -62,22 +81,14 @@ class Learner:
     ) -> None:
         self.settings = settings
         self.frozen = False
-        self._trained = False
-        self._design = settings.design
         self._extractor = _extractor(settings, rng)
         if dictionary is not None:
             self._extractor.adopt(dictionary)
-        self._views_rng = rng.spawn(1)[0]
-        parameters = regressors.RegressorSettings(
-            k=settings.k,
-            capacity=settings.capacity,
-            seed=int(self._views_rng.integers(2**31)),
-        )
-        self._regressor = regressors.make(self._design.regressor, parameters)
-        self._range_px = np.array([math.inf, -math.inf])
+        self._estimator = _estimator(settings, self._extractor, rng.spawn(1)[0])
         self._novelty = Novelty()
-        self._observed: tuple[Grey, Features] | None = None
-        self._recent: deque[tuple[float, float]] = deque(maxlen=settings.smooth_frames)
+        self._observed: Seen | None = None
+        self._waiting: deque[_Lesson] = deque()
+        self._recent: deque[Estimate] = deque(maxlen=settings.smooth_frames)
 
     @property
     def ready(self) -> bool:
@@ -95,20 +106,21 @@ class Learner:
     def observe(self, image: Grey) -> Features | None:
         """Features (n_features,) of a raw image; None while the dictionary is being learned."""
         features = self._extractor.observe(image, self.frozen)
-        self._observed = None if features is None else (image, features)
+        self._observed = None if features is None else Seen(features, image)
         return features
 
     def predict(self, features: Features | None) -> MonoEstimate:
         """Estimate of λ, averaged with those of the last frames."""
-        if features is None or not self._trained:
+        if features is None or not self._estimator.trained:
             return UNKNOWN
-        mean, std = self._regressor.predict(features[np.newaxis], return_std=True)
-        self._recent.append(self._in_pixels(float(mean[0]), float(std[0])))
+        newest = self._estimator.estimate(self._seen(features))
+        self._recent.append(newest)
         n_recent = len(self._recent)
         return MonoEstimate(
-            sum(mean_px for mean_px, _ in self._recent) / n_recent,
-            sum(std_px for _, std_px in self._recent) / n_recent,
+            sum(estimate.mono_px for estimate in self._recent) / n_recent,
+            sum(estimate.std_px for estimate in self._recent) / n_recent,
             self._novelty.of(features),
+            newest.map_px,
         )
 
     def learn(
@@ -116,38 +128,37 @@ class Learner:
     ) -> bool:
         """Takes stereo's λ as the target for ``features``; True if it was a usable sample.
 
-        With ``map_of``, further views of the image just observed are learned from too.
+        With ``map_of``, further views of the image just observed are learned from too. All wait
+        for as many frames as the settings say; what is learned now is then an older frame.
         """
         if self.frozen or features is None or math.isnan(disparity_px):
             return False
-        samples, disparities_px = [features], [disparity_px]
-        if self._design.views and map_of and self._observed and self._observed[1] is features:
-            image, n_views = self._observed[0], self._design.views
-            for view, view_px in views_of(image, map_of(), disparity_px, n_views, self._views_rng):
-                samples.append(gradients.encode(view))
-                disparities_px.append(view_px)
-        self._regressor.partial_fit(np.stack(samples), self._targets(np.array(disparities_px)))
-        self._novelty.learn(features)
-        self._range_px[0] = min(self._range_px[0], disparity_px)
-        self._range_px[1] = max(self._range_px[1], disparity_px)
-        self._trained = True
+        seen = self._seen(features)
+        if not self.settings.delay_frames:
+            return self._take(seen, disparity_px, map_of)
+        self._waiting.append(_Lesson.of(seen, disparity_px, map_of if self._uses_maps else None))
+        if len(self._waiting) <= self.settings.delay_frames:
+            return False
+        return self._take(*self._waiting.popleft())
+
+    def _take(self, seen: Seen, disparity_px: float, map_of: MapOf | None) -> bool:
+        if not self._estimator.learn(seen, disparity_px, map_of):
+            return False
+        self._novelty.learn(seen.features)
         return True
 
-    def _targets(self, disparities_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        if self._design.target == "linear":
-            return disparities_px
-        return np.log(np.maximum(disparities_px, LOG_FLOOR_PX) + LOG_OFFSET_PX)
+    @property
+    def _uses_maps(self) -> bool:
+        return bool(self.settings.design.views) or self.settings.output == "map"
 
-    def _in_pixels(self, mean: float, std: float) -> tuple[float, float]:
-        """The regressor's answer as λ, within what stereo has reported so far."""
-        least_px, most_px = self._range_px
-        if self._design.target == "log":
-            mean = math.exp(min(mean, math.log(most_px + 1.0)))
-            mean, std = mean - LOG_OFFSET_PX, mean * std
-        return float(min(max(mean, least_px), most_px)), std
+    def _seen(self, features: Features) -> Seen:
+        """With the image, if it is the one just observed."""
+        if self._observed is not None and self._observed.features is features:
+            return self._observed
+        return Seen(features, None)
 
     def freeze(self) -> None:
-        """Nothing is learned from here on."""
+        """Nothing is learned from here on, not even what still waits."""
         self.frozen = True
 
     def break_sequence(self) -> None:
@@ -156,13 +167,11 @@ class Learner:
 
     def state(self) -> LearnerState:
         """All that was learned; a dictionary half learned is not part of it."""
-        arrays = _whole(
-            regressor=self._regressor.state(),
+        arrays = whole(
+            estimator=self._estimator.state(),
             novelty=self._novelty.state(),
             textons=self.dictionary._asdict() if self.dictionary is not None else {},
         )
-        if self._trained:
-            arrays["range_px"] = self._range_px.copy()
         return LearnerState(arrays, _meaning_of_samples(self.settings))
 
     def restore(self, state: LearnerState) -> Self:
@@ -176,12 +185,8 @@ class Learner:
         dictionary = dictionary_of(state)
         if dictionary is not None:
             self._extractor.adopt(dictionary)
-        samples = _part(state, "regressor")
-        self._regressor.restore(samples)
-        self._novelty = Novelty.restored(_part(state, "novelty"))
-        self._trained = bool(samples)
-        if samples:
-            self._range_px = np.array(state.arrays["range_px"], dtype=np.float64)
+        self._estimator.restore(part(state.arrays, "estimator"))
+        self._novelty = Novelty.restored(part(state.arrays, "novelty"))
         self._recent.clear()
         return self
 
@@ -192,19 +197,12 @@ def _extractor(settings: LearnerSettings, rng: np.random.Generator) -> Extractor
     return TextonFeatures(settings.textons, settings.entropy_scale, rng)
 
 
-def _part(state: LearnerState, name: str) -> dict[str, NDArray[np.generic]]:
-    """The arrays that ``_whole`` put under this name."""
-    prefix = f"{name}."
-    return {
-        key.removeprefix(prefix): values
-        for key, values in state.arrays.items()
-        if key.startswith(prefix)
-    }
-
-
-def _whole(**parts: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.generic]]:
-    """The parts' arrays, each under its part's name."""
-    return {f"{name}.{key}": values for name, part in parts.items() for key, values in part.items()}
+def _estimator(
+    settings: LearnerSettings, extractor: Extractor, rng: np.random.Generator
+) -> Estimator:
+    if settings.output == "map":
+        return MapEstimator(settings, extractor, rng)
+    return ScalarEstimator(settings, rng)
 
 
 def dictionary_of(state: LearnerState) -> TextonDictionary | None:
@@ -224,6 +222,7 @@ def _meaning_of_samples(settings: LearnerSettings) -> dict[str, str | int | floa
         "learner.features": design.features,
         "learner.regressor": design.regressor,
         "learner.target": design.target,
+        "learner.output": settings.output,
         "learner.eye": settings.eye,
         "learner.label": settings.label,
     }

@@ -6,6 +6,7 @@ from msgspec import Meta, field
 
 from companion.features import Kind
 from companion.kernel.settings import Settings
+from companion.regressors.slots import Keep
 from companion.stereo import Label
 from companion.textons import TextonSettings
 
@@ -20,12 +21,15 @@ TABLE_I = {
 """The paper's Table I, by the path of the setting."""
 
 
+Target = Literal["linear", "log"]
+
+
 class Design(NamedTuple):
     """How the estimate is made."""
 
     features: Kind
     regressor: str
-    target: Literal["linear", "log"]
+    target: Target
     views: int
 
 
@@ -45,10 +49,13 @@ class LearnerSettings(Settings, frozen=True):
     "none" is the paper's design with all numbers free."""
     features: Kind | None = None
     regressor: str | None = None
-    target: Literal["linear", "log"] | None = None
+    target: Target | None = None
     """The regressor learns λ or its logarithm: near ones must not drown far ones."""
     views: Annotated[int, Meta(ge=0, le=32)] | None = None
     """Mirrored and enlarged views learned from beside each image."""
+    output: Literal["scalar", "map"] = "scalar"
+    """"map" learns λ of each of 6 x 8 cells, and takes the image's λ from them; by a ridge,
+    whatever ``regressor`` says."""
     eye: Literal["left", "right"] = "left"
     label: Label = "mean"
     """What stereo's λ is: mean of the disparities, or the value that the top 24 % exceed."""
@@ -75,7 +82,13 @@ class LearnerSettings(Settings, frozen=True):
     """Weight of the entropy against the histogram's bins. Plain bits (1) would outweigh them all;
     0.1 brings both to the same range. On recorded flights neither generalises better."""
     capacity: Annotated[int, Meta(ge=1, le=10_000_000)] = 100_000
-    """Samples kept; beyond it the oldest is replaced."""
+    """Samples kept."""
+    keep: Keep = "newest"
+    """Beyond the capacity: the newest; or "mixed", half of those and an even sample of all others.
+    """
+    delay_frames: Annotated[int, Meta(ge=0, le=1000)] = 0
+    """Frames that a sample waits before it is learned. Without it, the frame before is the nearest
+    neighbour of each, and errors before learning tell little of a wall not just seen."""
     dictionary: str | None = None
     """File with a saved model whose textons are used; none learns them in flight."""
     textons: TextonSettings = field(default_factory=TextonSettings)

@@ -6,15 +6,18 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.behaviour import Behaviour
+from companion.cells import CellMap, freer_side
 from companion.certainty import certainty_norm, with_speed_for
 from companion.health import CameraHealth
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.messages import (
+    Availability,
     Cue,
     Decision,
     Event,
     Goal,
     Health,
+    MonoMap,
     Percept,
     Phase,
     StereoFrame,
@@ -24,19 +27,17 @@ from companion.kernel.messages import (
 )
 from companion.learner import Learner
 from companion.perception import Perception
-from companion.performance import threshold_for_tpr_px
 from companion.pilot import fly_to
 from companion.plan import Plan
-from companion.risk import Approach, Wishes, choose_threshold_px
+from companion.risk import Approach
 from companion.safety import Verdict, check, react_to_age
 from companion.scorecard import Account, Scorecard
 from companion.stereo import StereoMatcher
 from companion.switch import Choice, Switch, Thresholds
 from companion.tether import way_back_rad
 from companion.textons import TextonDictionary
-from companion.trust import TrustMonitor
-
-PHASES_OF_LEARNING = (Phase.INITIAL, Phase.LEARNING)
+from companion.thresholds import choose_thresholds
+from companion.trust import TrustHistory, TrustMonitor, event_of
 
 
 class Step(NamedTuple):
@@ -45,11 +46,14 @@ class Step(NamedTuple):
     percept: Percept
     decision: Decision
     verdict: Verdict
+    mono_map: MonoMap | None = None
+    """Where the learner makes maps, and has learned to."""
     trust: TrustFigures | None = None
     """Where it was time to judge."""
     health: Health | None = None
     """Where it has changed."""
     events: tuple[Event, ...] = ()
+    """What a person should hear of."""
 
 
 class Pipeline:
@@ -77,8 +81,8 @@ class Pipeline:
         )
         self.health = CameraHealth(plan.health, plan.safety.stop_after_s)
         self.perception = Perception(self.matcher, self.learner, self.health)
+        self.trust_history = TrustHistory()
         self.phase = Phase.INITIAL
-        self.samples_learned = 0
         self.thresholds = self._choose_thresholds()
         self._began_ns: int | None = None
         self._sighted_ns = 0
@@ -91,15 +95,12 @@ class Pipeline:
         """
         elapsed_s = self._elapsed_s(frame.stamp_ns)
         self._enter_phase_at(elapsed_s)
-        percept, features = self.perception.see(frame, arrived_s)
-        outlook = self.health.conclude(percept, self.trust.status is TrustStatus.TRUSTED)
+        seen = self.perception.see(frame, arrived_s)
+        outlook = self.health.conclude(seen.percept, self.trust.status is TrustStatus.TRUSTED)
         available = outlook.available
         if self.plan.experiment.stereo_is_over(elapsed_s):
             available = available._replace(stereo=False)
-        if available.stereo:
-            self.samples_learned += self.learner.learn(
-                features, percept.stereo_px, self.matcher.last_map
-            )
+        percept, mono_map_px = self.perception.settle(seen, available.stereo), seen.map_px
         choice = self.switch.choose(
             percept,
             self.phase,
@@ -109,22 +110,34 @@ class Pipeline:
             self.trust.status,
         )
         certainty = certainty_norm(choice, percept)
-        goal = self._goal(frame.stamp_ns, choice, certainty, telemetry)
+        freer_sign = self._freer_sign(choice, mono_map_px)
+        goal = self._goal(frame.stamp_ns, choice, certainty, freer_sign, telemetry)
         account = self.scorecard.record(
             percept, self.phase, choice, self.behaviour.state, self.thresholds.mono_px
         )
         decision = self._decision(frame.stamp_ns, choice, certainty, account)
+        verdict = self._command(frame.stamp_ns, choice, goal, telemetry)
+        mono_map = _map_message(frame.stamp_ns, mono_map_px)
+        judged, events = self._judge(percept, available)
+        events = outlook.events + events
+        return Step(percept, decision, verdict, mono_map, judged, outlook.record, events)
+
+    @property
+    def samples_learned(self) -> int:
+        return self.perception.samples_learned
+
+    def _judge(
+        self, percept: Percept, available: Availability
+    ) -> tuple[TrustFigures | None, tuple[Event, ...]]:
+        """Whether mono may be trusted from the next frame on; a change is an event."""
+        before = self.trust.status
+        self.trust_history.note(percept.stamp_ns, before)
         judged = self.trust.update(
             percept, self.behaviour.state, self.thresholds.mono_px, available.stereo
         )
-        return Step(
-            percept,
-            decision,
-            self._command(frame.stamp_ns, choice, goal, telemetry),
-            self.trust.figures if judged else None,
-            outlook.record,
-            outlook.events,
-        )
+        figures = self.trust.figures
+        changed = figures.status is not before
+        return figures if judged else None, (event_of(figures),) if changed else ()
 
     def _elapsed_s(self, stamp_ns: int) -> float:
         """Since the first frame."""
@@ -141,14 +154,30 @@ class Pipeline:
                 self.learner.freeze()
             self.phase = phase
 
-    def _goal(self, stamp_ns: int, choice: Choice, certainty: float, telemetry: Telemetry) -> Goal:
+    def _freer_sign(self, choice: Choice, mono_map_px: CellMap | None) -> int:
+        """The side that is freer in the eyes of the cue that flies; 0 where nobody asks."""
+        if self.plan.behaviour.turn_to == "random" or choice.blocked is None:
+            return 0
+        map_px = self.matcher.last_map() if choice.cue is Cue.STEREO else mono_map_px
+        return 0 if map_px is None else freer_side(map_px)
+
+    def _goal(
+        self,
+        stamp_ns: int,
+        choice: Choice,
+        certainty: float,
+        freer_sign: int,
+        telemetry: Telemetry,
+    ) -> Goal:
         """The behaviour's, no faster than certainty allows; without a cue it stands still."""
         settings = self.plan.behaviour
         if choice.cue is Cue.NONE:
             return Goal(forward_speed_m_s=0.0, heading_rad=telemetry.yaw_rad, turn_sign=0)
         north_m, east_m, _ = telemetry.position_ned_m
         back_rad = way_back_rad(settings.zone, self._elapsed_s(stamp_ns), north_m, east_m)
-        goal = self.behaviour.step(stamp_ns, choice.blocked, telemetry.yaw_rad, back_rad)
+        goal = self.behaviour.step(
+            stamp_ns, choice.blocked, telemetry.yaw_rad, freer_sign, back_rad
+        )
         return with_speed_for(goal, certainty, settings) if settings.speed_by_certainty else goal
 
     def _command(self, stamp_ns: int, choice: Choice, goal: Goal, telemetry: Telemetry) -> Verdict:
@@ -193,43 +222,15 @@ class Pipeline:
         )
 
     def _choose_thresholds(self) -> Thresholds:
-        """Mono's comes from the samples of all learning so far, where the plan says so.
-
-        While those hold no positive it is the fixed one.
-        """
-        behaviour, learner = self.plan.behaviour, self.plan.learner
-        stereo_px = behaviour.turn_threshold_px
-        chosen_px = math.nan
-        if learner.threshold == "roc":
-            chosen_px = self._threshold_from_roc_px(stereo_px, learner.wanted_tpr)
-        elif learner.threshold == "risk":
-            chosen_px = self._threshold_from_risk_px(stereo_px)
-        mono_px = learner.fixed_threshold_px(stereo_px) if math.isnan(chosen_px) else chosen_px
-        return Thresholds(
-            stereo_px,
-            mono_px,
-            behaviour.override_threshold_px,
-            caution_std=learner.caution_std,
-            novelty=math.inf if learner.novelty_limit is None else learner.novelty_limit,
-        )
-
-    def _threshold_from_roc_px(self, positive_px: float, wanted_tpr: float) -> float:
-        """NaN while no positive was seen."""
-        seen = [self.scorecard.accounts[phase].estimates() for phase in PHASES_OF_LEARNING]
-        stereo_px, mono_px = (np.concatenate(values) for values in zip(*seen, strict=True))
-        return threshold_for_tpr_px(mono_px, stereo_px, positive_px, wanted_tpr)
-
-    def _threshold_from_risk_px(self, positive_px: float) -> float:
-        """NaN while no positive was seen."""
-        learner = self.plan.learner
-        wishes = Wishes(
-            learner.wanted_collision_probability,
-            learner.wanted_spurious_turns_per_m,
-            learner.detection_distance_m,
-        )
         approach = approach_of(self.plan, self.matcher.calibration)
-        samples = self.scorecard.approach_samples(PHASES_OF_LEARNING)
-        return choose_threshold_px(samples, approach, wishes, self._risk_rng)
+        return choose_thresholds(self.plan, approach, self.scorecard, self._risk_rng)
+
+
+def _map_message(stamp_ns: int, map_px: CellMap | None) -> MonoMap | None:
+    if map_px is None:
+        return None
+    cells_px = tuple(map_px.reshape(-1).tolist())
+    return MonoMap(stamp_ns=stamp_ns, columns=map_px.shape[1], disparity_px=cells_px)
 
 
 def approach_of(plan: Plan, calibration: StereoCalibration) -> Approach:

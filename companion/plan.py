@@ -122,6 +122,11 @@ def _check_together(plan: Plan, source: str) -> None:
             f"{source}: behaviour.height_m: {behaviour.height_m} exceeds "
             f"safety.geofence_height_m {plan.safety.geofence_height_m}"
         )
+    if behaviour.turn_to == "freer" and plan.learner.output != "map":
+        raise PlanError(
+            f'{source}: behaviour.turn_to: "freer" needs learner.output = "map": one eye must '
+            "know a side from the other"
+        )
     safety = plan.safety
     if not safety.stop_after_s < safety.hold_after_s < safety.land_after_s:
         raise PlanError(f"{source}: safety: needs stop_after_s < hold_after_s < land_after_s")

@@ -9,7 +9,7 @@ from msgspec import Meta
 from companion.kernel.messages import Availability, Cue, Percept, Phase, TrustStatus
 from companion.kernel.settings import Settings
 
-Scheme = Literal["pure_stereo", "cold_turkey", "dagger", "training_wheels", "auto"]
+Scheme = Literal["pure_stereo", "cold_turkey", "dagger", "training_wheels", "auto", "fused"]
 Duration = Annotated[float, Meta(ge=0, le=86_400)]
 
 ALL_AVAILABLE = Availability()
@@ -106,6 +106,9 @@ class Switch:
             self.overriding = False
             return _on_one_eye(percept, thresholds, available, trust)
         scheduled = self._scheduled_cue(phase)
+        if scheduled is Cue.FUSED:
+            self.overriding = False
+            return _choice(Cue.FUSED, False, percept.fused_px, thresholds.stereo_px)
         alone = scheduled is Cue.MONO and phase is Phase.TEST and self._without_override
         if scheduled is Cue.STEREO or (math.isnan(percept.mono_px) and not alone):
             self.overriding = False
@@ -124,6 +127,8 @@ class Switch:
         scheme = self.settings.scheme
         if scheme == "pure_stereo" or phase is Phase.INITIAL:
             return Cue.STEREO
+        if scheme == "fused":
+            return Cue.FUSED
         if phase is not Phase.LEARNING or scheme == "training_wheels":
             return Cue.MONO
         if scheme in ("cold_turkey", "auto"):

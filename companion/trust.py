@@ -15,7 +15,13 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from companion.kernel.messages import BehaviourState, Percept, TrustFigures, TrustStatus
+from companion.kernel.messages import (
+    BehaviourState,
+    Event,
+    Percept,
+    TrustFigures,
+    TrustStatus,
+)
 from companion.kernel.settings import Settings
 from companion.performance import roc_curve
 from companion.risk import Approach, Samples, interval, resample, tally
@@ -38,9 +44,9 @@ class TrustSettings(Settings, frozen=True):
     """In the window, that came to an obstacle."""
     error_norm: Positive = 0.5
     """Mean square error over the variance of stereo's λ: at most."""
-    auc: Share = 0.95
+    auc: Share = 0.9
     """Area under the ROC curve: at least."""
-    collision_probability: Share = 0.02
+    collision_probability: Share = 0.05
     """Of an approach, as companion/risk.py predicts it with 95 % confidence: at most."""
     slack: Annotated[float, Meta(ge=1)] = 2.0
     """Trust once given lasts until a limit is missed by this factor."""
@@ -52,6 +58,26 @@ class TrustSettings(Settings, frozen=True):
     """Mean novelty of the last seconds: at most. Only asked where stereo cannot tell."""
     confirm_s: Annotated[float, Meta(ge=0)] = 3.0
     """A change of status must have been due for this long."""
+
+
+class TrustHistory:
+    """When the status changed, of a flight or of its log."""
+
+    def __init__(self) -> None:
+        self.status = TrustStatus.UNTRAINED
+        self.trusted_after_s = math.nan
+        """From the first frame to the first that was trusted."""
+        self.times_lost = 0
+        self._began_ns: int | None = None
+
+    def note(self, stamp_ns: int, status: TrustStatus) -> None:
+        """The status on a frame."""
+        if self._began_ns is None:
+            self._began_ns = stamp_ns
+        if status is TrustStatus.TRUSTED and math.isnan(self.trusted_after_s):
+            self.trusted_after_s = (stamp_ns - self._began_ns) * 1e-9
+        self.times_lost += status is TrustStatus.STALE and self.status is not status
+        self.status = status
 
 
 class TrustMonitor:
@@ -157,6 +183,17 @@ class TrustMonitor:
         return float(upper[0])
 
 
+def event_of(figures: TrustFigures) -> Event:
+    """A change of status, with what it was judged by."""
+    lost = figures.status is TrustStatus.STALE
+    text = (
+        f"mono is {figures.status.value}: error {figures.error_norm:.2f} of the variance, "
+        f"lately {figures.recent_error_norm:.2f}, AUC {figures.auc:.2f}, collision probability "
+        f"{figures.collision_probability:.1%}, novelty {figures.novelty:.1f}"
+    )
+    return Event(stamp_ns=figures.stamp_ns, severity="warning" if lost else "info", text=text)
+
+
 def due_status(figures: TrustFigures, settings: TrustSettings, has_truth: bool) -> TrustStatus:
     """What the status should be by these figures, one step from ``figures.status``."""
     status = figures.status
@@ -180,12 +217,19 @@ def _earns(figures: TrustFigures, settings: TrustSettings) -> bool:
 
 
 def _keeps(figures: TrustFigures, settings: TrustSettings) -> bool:
-    """No figure that is known misses its limit by more than the slack."""
+    """No figure that is known misses its limit by more than the slack.
+
+    Mono turns before stereo would, so positives grow rare while it flies: with too few of them
+    neither the ROC nor the risk says anything.
+    """
     slack = settings.slack
-    return not (
+    if (
         figures.error_norm > slack * settings.error_norm
         or figures.recent_error_norm > slack * settings.recent_error_norm
-        or 1.0 - figures.auc > slack * (1.0 - settings.auc)
+    ):
+        return False
+    return figures.approaches < settings.least_approaches or not (
+        1.0 - figures.auc > slack * (1.0 - settings.auc)
         or figures.collision_probability > slack * settings.collision_probability
     )
 

@@ -82,8 +82,9 @@ def test_a_dictionary_of_another_size_is_refused(learned):
 def test_before_the_first_sample_the_estimate_is_unknown(learned):
     learner = Learner(settings(), np.random.default_rng(0), learned.dictionary)
     features = learner.observe(view(4.0, np.random.default_rng(1)))
-    assert all(math.isnan(value) for value in learner.predict(features))
-    assert all(math.isnan(value) for value in learner.predict(None))
+    for unknown in (learner.predict(features), learner.predict(None)):
+        assert all(math.isnan(value) for value in unknown[:3])
+        assert unknown.map_px is None
 
 
 def test_unknown_targets_and_missing_features_teach_nothing(learned):

@@ -153,3 +153,15 @@ def test_what_is_too_novel_counts_as_blocked():
     for novelty, blocked in ((1.4, False), (1.6, True), (math.nan, False)):
         seen = percept(1.0, 1.0, mono_novelty=novelty)
         assert switch.choose(seen, Phase.TEST, wary, True).blocked is blocked
+
+
+def test_fused_flies_on_both_cues_after_the_initial_phase():
+    switch = make("fused")
+    seen = Percept(
+        stamp_ns=0, stereo_px=4.5, stereo_valid_norm=0.5, mono_px=1.0, mono_std_px=0.5,
+        fused_px=3.0, fused_std_px=0.3,
+    )  # fmt: skip
+    wanted = {Phase.INITIAL: (Cue.STEREO, True), Phase.TEST: (Cue.FUSED, False)}
+    for phase, (cue, blocked) in wanted.items():
+        choice = switch.choose(seen, phase, THRESHOLDS, True)
+        assert (choice.cue, choice.blocked, choice.override) == (cue, blocked, False)

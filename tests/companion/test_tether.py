@@ -51,7 +51,7 @@ def test_out_of_its_zone_it_turns_to_the_way_back_by_the_shorter_side():
     assert behaviour.state is BehaviourState.ROTATE
     assert goal.heading_rad == pytest.approx(-1.0)
     assert goal.turn_sign == -1
-    assert behaviour.step(2 * FRAME_NS, False, -1.0, -1.0).forward_speed_m_s > 0.0
+    assert behaviour.step(2 * FRAME_NS, False, -1.0, way_back_rad=-1.0).forward_speed_m_s > 0.0
 
 
 def test_on_the_way_back_it_flies_on():
@@ -63,12 +63,12 @@ def test_on_the_way_back_it_flies_on():
 @given(seed=st.integers(0, 200), back_rad=st.floats(-math.pi, math.pi))
 def test_what_blocks_the_way_back_is_passed_without_leading_further_away(seed, back_rad):
     behaviour = make(seed)
-    heading_rad = behaviour.step(0, True, back_rad, back_rad).heading_rad
+    heading_rad = behaviour.step(0, True, back_rad, way_back_rad=back_rad).heading_rad
     assert abs(wrap_angle_rad(heading_rad - back_rad)) <= math.pi / 2 + 1e-9
-    behaviour.step(FRAME_NS, False, heading_rad, back_rad)
+    behaviour.step(FRAME_NS, False, heading_rad, way_back_rad=back_rad)
     assert behaviour.state is BehaviourState.STRAIGHT
-    behaviour.step(20 * FRAME_NS, False, heading_rad, back_rad)
+    behaviour.step(20 * FRAME_NS, False, heading_rad, way_back_rad=back_rad)
     assert behaviour.state is BehaviourState.STRAIGHT  # a detour lasts
-    behaviour.step(31 * FRAME_NS, False, heading_rad, back_rad)
+    behaviour.step(31 * FRAME_NS, False, heading_rad, way_back_rad=back_rad)
     astray = abs(wrap_angle_rad(heading_rad - back_rad)) > math.radians(20)
     assert (behaviour.state is BehaviourState.ROTATE) == astray
