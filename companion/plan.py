@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field
 
 from companion.behaviour import BehaviourSettings
+from companion.health import HealthSettings
 from companion.kernel.errors import PlanError
 from companion.kernel.settings import Settings, convert_settings, read_toml
 from companion.learner_settings import LearnerSettings
@@ -48,6 +49,7 @@ class Plan(Settings, frozen=True):
     trust: TrustSettings = TrustSettings()
     pilot: PilotSettings = PilotSettings()
     safety: SafetySettings = SafetySettings()
+    health: HealthSettings = HealthSettings()
     log: LogSettings = LogSettings()
     sitl: dict[str, Any] = field(default_factory=dict)
     """Handed to the simulator, which checks it (see flightplans/README.md)."""

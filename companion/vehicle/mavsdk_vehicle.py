@@ -137,7 +137,6 @@ class MavsdkVehicle:
         self._put(setpoint)
 
     async def say(self, event: Event) -> None:
-        """Clipped to what one STATUSTEXT holds."""
         kind = StatusTextType.__members__.get(event.severity.upper(), StatusTextType.INFO)
         text = event.text.encode("ascii", "replace")[:TEXT_LENGTH]
         try:
