@@ -23,6 +23,7 @@ from companion.pipeline import Pipeline, Step
 from companion.plan import Plan, room_path
 from companion.rigs import needs_room, open_rig
 from companion.summary import FlightFacts, Summary, summarise
+from companion.threads import use_one_thread
 
 LOG_NAME = "flight.mcap"
 MODEL_NAME = "model.npz"
@@ -154,6 +155,7 @@ async def _open_and_fly(order: FlightOrder, observer: Observer, record: _Record)
 
 
 async def _log_and_fly(order: FlightOrder, rig: Rig, observer: Observer, record: _Record) -> None:
+    use_one_thread()
     pipeline = _pipeline(order, rig)
     with _open_log(order, rig) as log:
         _reserve_summary(order, pipeline)
