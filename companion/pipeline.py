@@ -8,7 +8,7 @@ import numpy as np
 from companion.behaviour import Behaviour
 from companion.cells import CellMap, freer_side
 from companion.certainty import certainty_norm, with_speed_for
-from companion.fusion import UNKNOWN, Estimate, fuse, stereo_estimate
+from companion.health import CameraHealth
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.messages import (
     Availability,
@@ -16,20 +16,22 @@ from companion.kernel.messages import (
     Decision,
     Event,
     Goal,
+    Health,
     MonoMap,
     Percept,
     Phase,
     StereoFrame,
     Telemetry,
     TrustFigures,
+    TrustStatus,
 )
 from companion.learner import Learner
+from companion.perception import Perception
 from companion.pilot import fly_to
 from companion.plan import Plan
 from companion.risk import Approach
-from companion.safety import Reaction, Verdict, check, react_to_age
+from companion.safety import Verdict, check, react_to_age
 from companion.scorecard import Account, Scorecard
-from companion.spread import SpreadScale
 from companion.stereo import StereoMatcher
 from companion.switch import Choice, Switch, Thresholds
 from companion.tether import way_back_rad
@@ -48,6 +50,8 @@ class Step(NamedTuple):
     """Where the learner makes maps, and has learned to."""
     trust: TrustFigures | None = None
     """Where it was time to judge."""
+    health: Health | None = None
+    """Where it has changed."""
     events: tuple[Event, ...] = ()
     """What a person should hear of."""
 
@@ -75,21 +79,30 @@ class Pipeline:
             plan.learner.detection_distance_m,
             trust_rng,
         )
-        self.spread = SpreadScale()
+        self.health = CameraHealth(plan.health, plan.safety.stop_after_s)
+        self.perception = Perception(self.matcher, self.learner, self.health)
         self.trust_history = TrustHistory()
         self.phase = Phase.INITIAL
-        self.samples_learned = 0
+        self.flown_s = 0.0
+        """Of the plan, at the newest frame; what a resumed flight begins with may be set here."""
         self.thresholds = self._choose_thresholds()
         self._began_ns: int | None = None
         self._sighted_ns = 0
         """The newest frame that some cue could fly on."""
 
-    def step(self, frame: StereoFrame, telemetry: Telemetry) -> Step:
-        """One frame on. Raises CameraError for a frame of the wrong size."""
+    def step(self, frame: StereoFrame, telemetry: Telemetry, arrived_s: float = math.nan) -> Step:
+        """One frame on. Raises CameraError for a frame of the wrong size.
+
+        ``arrived_s``: when the frame came, on any clock; NaN where nobody knows.
+        """
         elapsed_s = self._elapsed_s(frame.stamp_ns)
         self._enter_phase_at(elapsed_s)
-        available = Availability(stereo=not self.plan.experiment.stereo_is_over(elapsed_s))
-        percept, mono_map_px = self._perceive_and_learn(frame, available)
+        seen = self.perception.see(frame, arrived_s)
+        outlook = self.health.conclude(seen.percept, self.trust.status is TrustStatus.TRUSTED)
+        available = outlook.available
+        if self.plan.experiment.stereo_is_over(elapsed_s):
+            available = available._replace(stereo=False)
+        percept, mono_map_px = self.perception.settle(seen, available.stereo), seen.map_px
         choice = self.switch.choose(
             percept,
             self.phase,
@@ -99,7 +112,7 @@ class Pipeline:
             self.trust.status,
         )
         certainty = certainty_norm(choice, percept)
-        freer_sign = self._freer_sign(choice.cue, mono_map_px)
+        freer_sign = self._freer_sign(choice, mono_map_px)
         goal = self._goal(frame.stamp_ns, choice, certainty, freer_sign, telemetry)
         account = self.scorecard.record(
             percept, self.phase, choice, self.behaviour.state, self.thresholds.mono_px
@@ -107,7 +120,13 @@ class Pipeline:
         decision = self._decision(frame.stamp_ns, choice, certainty, account)
         verdict = self._command(frame.stamp_ns, choice, goal, telemetry)
         mono_map = _map_message(frame.stamp_ns, mono_map_px)
-        return Step(percept, decision, verdict, mono_map, *self._judge(percept, available))
+        judged, events = self._judge(percept, available)
+        events = outlook.events + events
+        return Step(percept, decision, verdict, mono_map, judged, outlook.record, events)
+
+    @property
+    def samples_learned(self) -> int:
+        return self.perception.samples_learned
 
     def _judge(
         self, percept: Percept, available: Availability
@@ -125,8 +144,10 @@ class Pipeline:
     def _elapsed_s(self, stamp_ns: int) -> float:
         """Since the first frame."""
         if self._began_ns is None:
-            self._began_ns = self._sighted_ns = stamp_ns
-        return (stamp_ns - self._began_ns) * 1e-9
+            self._began_ns = stamp_ns - round(self.flown_s * 1e9)
+            self._sighted_ns = stamp_ns
+        self.flown_s = (stamp_ns - self._began_ns) * 1e-9
+        return self.flown_s
 
     def _enter_phase_at(self, elapsed_s: float) -> None:
         experiment = self.plan.experiment
@@ -137,40 +158,11 @@ class Pipeline:
                 self.learner.freeze()
             self.phase = phase
 
-    def _perceive_and_learn(
-        self, frame: StereoFrame, available: Availability
-    ) -> tuple[Percept, CellMap | None]:
-        """Predicts first, then learns from the frame: estimates stay prequential."""
-        stereo = self.matcher.match(frame.left, frame.right)
-        features = self.learner.observe(self.learner.image_of(frame))
-        mono = self.learner.predict(features)
-        if available.stereo:
-            self.samples_learned += self.learner.learn(
-                features, stereo.disparity_px, self.matcher.last_map
-            )
-        of_stereo = stereo_estimate(stereo.disparity_px, stereo.valid_norm)
-        std_px = self.spread.of(mono.std_px)
-        if available.stereo:
-            self.spread.learn(mono.mono_px - stereo.disparity_px, mono.std_px)
-        of_mono = Estimate(mono.mono_px, std_px)
-        fused = fuse(of_stereo if available.stereo else UNKNOWN, of_mono)
-        percept = Percept(
-            stamp_ns=frame.stamp_ns,
-            stereo_px=stereo.disparity_px,
-            stereo_valid_norm=stereo.valid_norm,
-            mono_px=mono.mono_px,
-            mono_std_px=std_px,
-            mono_novelty=mono.novelty,
-            fused_px=fused.disparity_px,
-            fused_std_px=fused.std_px,
-        )
-        return percept, mono.map_px
-
-    def _freer_sign(self, cue: Cue, mono_map_px: CellMap | None) -> int:
+    def _freer_sign(self, choice: Choice, mono_map_px: CellMap | None) -> int:
         """The side that is freer in the eyes of the cue that flies; 0 where nobody asks."""
-        if self.plan.behaviour.turn_to == "random":
+        if self.plan.behaviour.turn_to == "random" or choice.blocked is None:
             return 0
-        map_px = self.matcher.last_map() if cue is Cue.STEREO else mono_map_px
+        map_px = self.matcher.last_map() if choice.cue is Cue.STEREO else mono_map_px
         return 0 if map_px is None else freer_side(map_px)
 
     def _goal(
@@ -193,7 +185,7 @@ class Pipeline:
         return with_speed_for(goal, certainty, settings) if settings.speed_by_certainty else goal
 
     def _command(self, stamp_ns: int, choice: Choice, goal: Goal, telemetry: Telemetry) -> Verdict:
-        """The safe setpoint; lands where no cue could be relied on for too long."""
+        """The safe setpoint; holds and lands where no cue could be relied on for too long."""
         behaviour = self.plan.behaviour
         setpoint = fly_to(
             goal,
@@ -206,11 +198,14 @@ class Pipeline:
         verdict = check(setpoint, telemetry, self.plan.safety)
         if choice.cue is not Cue.NONE:
             self._sighted_ns = stamp_ns
-        blind_s = (stamp_ns - self._sighted_ns) * 1e-9
-        if react_to_age(blind_s, self.plan.safety) is Reaction.LAND:
-            reason = f"stereo is gone, and the estimate of one eye is {self.trust.status.value}"
-            return verdict._replace(reaction=Reaction.LAND, reason=reason)
+        reaction = react_to_age((stamp_ns - self._sighted_ns) * 1e-9, self.plan.safety)
+        if reaction > verdict.reaction:
+            return verdict._replace(reaction=reaction, reason=self._why_blind())
         return verdict
+
+    def _why_blind(self) -> str:
+        faults = f" ({self.health.faults})" if self.health.faults else ""
+        return f"stereo is gone{faults}, and the estimate of one eye is {self.trust.status.value}"
 
     def _decision(
         self, stamp_ns: int, choice: Choice, certainty: float, account: Account

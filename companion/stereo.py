@@ -130,7 +130,7 @@ class StereoMatcher:
     def last_matches(self) -> Matches:
         """Those of the pair matched last."""
         if self._matches is None:
-            raise RuntimeError("nothing was matched yet")
+            raise RuntimeError("this needs a pair that was matched")
         return self._matches
 
     def last_map(self) -> NDArray[np.float32]:
@@ -147,7 +147,7 @@ class StereoMatcher:
         self._check_geometry(left, right)
         left, right = self._rectify(left, right)
         matched = self._matcher.compute(self._pad(left), self._pad(right))
-        sixteenths = matched[:, self._pad_left_px : -self._pad_right_px]
+        sixteenths = cast(NDArray[np.int16], matched[:, self._pad_left_px : -self._pad_right_px])
         return Matches(left, right, sixteenths, self._least_px, self._infinity_px)
 
     def _pad(self, image: Grey) -> Grey:

@@ -127,7 +127,8 @@ def _half(image: Grey) -> Grey:
 
 
 def _blurred(image: Grey, deviation_px: float) -> NDArray[np.float32]:
-    return cv2.GaussianBlur(image.astype(np.float32), (0, 0), deviation_px)
+    blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), deviation_px)
+    return np.asarray(blurred, dtype=np.float32)
 
 
 def _knocked(image: Grey) -> Grey:

@@ -31,6 +31,7 @@ class Topic(StrEnum):
     SETPOINT = "/setpoint"
     MOCAP = "/mocap"
     EVENT = "/event"
+    HEALTH = "/health"
     LEFT = "/camera/left"
     RIGHT = "/camera/right"
 

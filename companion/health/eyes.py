@@ -29,7 +29,7 @@ LEAST_PART_NORM = 0.1
 PLAIN_LSB = 3.0
 """A cell with less contrast in both eyes says nothing."""
 FADED_NORM = 0.5
-"""Contrast of a cell over the other eye's, below which it counts as faded."""
+"""Contrast over the other eye's, below which a cell counts as faded; and so must all together."""
 FADED_CELLS_NORM = 0.5
 """Of the cells that say something; and at least LEAST_CELLS of them."""
 LEAST_CELLS = 3
@@ -120,16 +120,17 @@ def _rows(own: Survey) -> Sign | None:
 
 
 def _tears(
-    images: Sequence[Grey], own: Sequence[Sign | None], last: Sequence[Grey | None]
+    images: Sequence[Grey], others: Sequence[Sign | None], last: Sequence[Grey | None]
 ) -> list[Sign | None]:
-    """Adds what is torn to the other signs. A single sound eye has only itself to judge by."""
-    signs = list(own)
-    sound = [eye for eye in (0, 1) if own[eye] is None]
-    if len(sound) == 1 and apart_from_last(images[sound[0]], last[sound[0]]):
-        signs[sound[0]] = Sign(CameraFault.TORN, "fits the last image at one end only")
-    if len(sound) == 2 and apart_between_eyes(images[0], images[1]):
+    """Adds what is torn to the other signs."""
+    signs = list(others)
+    sound = [eye for eye in (0, 1) if others[eye] is None]
+    for eye in sound:
+        if apart_from_last(images[eye], last[eye]):
+            signs[eye] = Sign(CameraFault.TORN, "fits the last image at one end only")
+    if len(sound) == 2 and not any(signs) and apart_between_eyes(images[0], images[1]):
         excess = seams(images[0], images[1])
-        for eye in (0, 1):
+        for eye in sound:
             if excess[eye] >= max(LEAST_SEAM_RATIO, min(SEAM_RATIO, max(excess))):
                 text = f"fits the other eye at one end only, seam {excess[eye]:+.1f}"
                 signs[eye] = Sign(CameraFault.TORN, text)
@@ -150,9 +151,9 @@ def _contrast(
     telling = other.contrast_lsb > PLAIN_LSB
     n_telling = int(telling.sum())
     weak = telling & (mine.contrast_lsb < FADED_NORM * other.contrast_lsb)
-    if n_telling < LEAST_CELLS or weak.sum() < FADED_CELLS_NORM * n_telling:
-        return None
     ratio = mine.mean_contrast_lsb / other.mean_contrast_lsb
+    if n_telling < LEAST_CELLS or weak.sum() < FADED_CELLS_NORM * n_telling or ratio > FADED_NORM:
+        return None
     return Sign(CameraFault.BLURRED, f"contrast {ratio:.0%} of the other eye's")
 
 

@@ -15,7 +15,7 @@ from companion.health.eyes import Eyes, Sign
 from companion.health.pairing import pairing, sign_of
 from companion.health.timing import FrameClock
 from companion.health.verdicts import Debounce, HealthSettings
-from companion.health.words import PLACES, State, events_of, return_of_stereo
+from companion.health.words import PLACES, State, events_of, faults_in_words, return_of_stereo
 from companion.kernel.messages import (
     Availability,
     CameraFault,
@@ -28,7 +28,7 @@ from companion.stereo import Matches
 
 
 class Look(NamedTuple):
-    """Which images of this frame show no sign of a fault."""
+    """Which images of this frame may be used: no sign of a fault in them, nor shortly before."""
 
     left: bool
     right: bool
@@ -66,7 +66,10 @@ class CameraHealth:
         left, right = self._eyes.look(frame.left, frame.right, self._clock.period_s)
         for place, sign in (("left", left), ("right", right), ("timing", self._timing_sign)):
             self._places[place].update(sign, self._clock.period_s)
-        return Look(left is None, right is None)
+        return Look(
+            left is None and self._places["left"].fault is None,
+            right is None and self._places["right"].fault is None,
+        )
 
     def compare(self, matches: Matches, valid_norm: float) -> bool:
         """Whether the matches of this frame are those of a sound pair."""
@@ -75,6 +78,11 @@ class CameraHealth:
         sign = sign_of(pairing(matches, valid_norm), valid_norm, matches.infinity_px)
         self._places["pair"].update(sign, self._clock.period_s)
         return sign is None
+
+    @property
+    def faults(self) -> str:
+        """Those confirmed, in words; "" for none."""
+        return faults_in_words(self._told)
 
     def conclude(self, percept: Percept, trusted: bool) -> Outlook:
         """``trusted``: the learned estimate may fly alone, and judge whether stereo may return."""
@@ -112,13 +120,24 @@ class CameraHealth:
         return events
 
     def _record(self) -> Health:
-        faults = {f"{place}_fault": fault or "" for place, fault in self._told._asdict().items()}
         evidence = {
-            f"{place}_evidence": debounce.evidence if debounce.fault else ""
+            place: debounce.evidence if debounce.fault else ""
             for place, debounce in self._places.items()
         }
+        left, right, pair, timing = (fault.value if fault else "" for fault in self._told)
         return Health(
-            stamp_ns=self._clock.stamp_ns, **self._available._asdict(), **faults, **evidence
+            stamp_ns=self._clock.stamp_ns,
+            stereo=self._available.stereo,
+            left=self._available.left,
+            right=self._available.right,
+            left_fault=left,
+            right_fault=right,
+            pair_fault=pair,
+            timing_fault=timing,
+            left_evidence=evidence["left"],
+            right_evidence=evidence["right"],
+            pair_evidence=evidence["pair"],
+            timing_evidence=evidence["timing"],
         )
 
 

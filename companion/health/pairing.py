@@ -20,10 +20,12 @@ OFFSET_PX = 0.7
 """Between the rows of matched points; calibration keeps it below half a pixel."""
 LEAST_MATCHES = 300
 """Of the points looked at, for an offset that means something."""
-POOR_NORM = 0.25
-"""With fewer matches the eyes are laid over each other to see why."""
-REACH_X_PX, REACH_Y_PX = 20, 8
-"""How far they are shifted against each other then; in steps of 2 px."""
+POOR_NORM = 0.4
+"""With fewer matches these mean nothing, as before a wall that is nearer than the search reaches;
+the eyes are then laid over each other to see why."""
+NEAR_PX, BEYOND_REACH_PX, ROWS_PX = 48, 16, 8
+"""How far they are shifted against each other then, in steps of 2 px: as near things are, as
+nothing can be, and up or down."""
 ALIGNED_NORM = 0.7
 """Difference at the best shift over that at the mean one: below it the shift means something."""
 FOREIGN_NORM = 0.9
@@ -53,7 +55,7 @@ def pairing(matches: Matches, valid_norm: float) -> Pairing:
     beyond_norm = n_beyond / n_matches if told else math.nan
     offset_px = -moment / weight if told else math.nan
     shift_px, alignment_norm = (0, 0), math.nan
-    if valid_norm < POOR_NORM or beyond_norm > BEYOND_NORM:
+    if valid_norm < POOR_NORM:
         shift_x, shift_y, alignment_norm = _overlay(matches.left, matches.right)
         shift_px = (shift_x, shift_y)
     return Pairing(beyond_norm, offset_px, shift_px, alignment_norm)
@@ -61,21 +63,24 @@ def pairing(matches: Matches, valid_norm: float) -> Pairing:
 
 def sign_of(pair: Pairing, valid_norm: float, infinity_px: float) -> Sign | None:
     """What one frame shows; None where nothing is wrong with it."""
-    if abs(pair.offset_px) > OFFSET_PX:
-        text = f"rows {pair.offset_px:+.1f} px apart"
-        return Sign(CameraFault.DECALIBRATED, text)
     if math.isnan(pair.alignment_norm):
-        return None
+        return _sign_of_matches(pair)
     (right_px, down_px), matched = pair.shift_px, f"{valid_norm:.0%} of the pixels match"
     aligned = pair.alignment_norm < ALIGNED_NORM
     if aligned and down_px:
         return Sign(CameraFault.DECALIBRATED, f"rows {down_px:+d} px apart, {matched}")
-    if pair.beyond_norm > BEYOND_NORM:
-        return Sign(CameraFault.SWAPPED, f"{pair.beyond_norm:.0%} of the matches beyond infinity")
     if aligned and right_px < infinity_px - BEYOND_PX:
         return Sign(CameraFault.SWAPPED, f"disparity {right_px:+d} px, {matched}")
     if pair.alignment_norm > FOREIGN_NORM:
         return Sign(CameraFault.UNMATCHED, f"overlay {pair.alignment_norm:.2f}, {matched}")
+    return None
+
+
+def _sign_of_matches(pair: Pairing) -> Sign | None:
+    if pair.beyond_norm > BEYOND_NORM:
+        return Sign(CameraFault.SWAPPED, f"{pair.beyond_norm:.0%} of the matches beyond infinity")
+    if abs(pair.offset_px) > OFFSET_PX:
+        return Sign(CameraFault.DECALIBRATED, f"rows {pair.offset_px:+.1f} px apart")
     return None
 
 
@@ -127,16 +132,15 @@ def _overlay(left, right):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN2
                     + np.int16(image[2 * row + 1, 2 * column])
                     + np.int16(image[2 * row + 1, 2 * column + 1])
                 )
-    reach_x, reach_y = REACH_X_PX // 2, REACH_Y_PX // 2
+    near, beyond, reach_y = NEAR_PX // 2, BEYOND_REACH_PX // 2, ROWS_PX // 2
     least, total, count, best_x, best_y = np.inf, 0.0, 0, 0, 0
     for shift_y in range(-reach_y, reach_y + 1):
-        for shift_x in range(-reach_x, reach_x + 1):
+        for shift_x in range(-beyond, near + 1):
             difference = 0
             for row in range(reach_y, height - reach_y):
-                for column in range(reach_x, width - reach_x):
+                for column in range(near, width - beyond):
                     difference += abs(
-                        np.int32(small[0, row, column])
-                        - np.int32(small[1, row + shift_y, column - shift_x])
+                        int(small[0, row, column]) - int(small[1, row + shift_y, column - shift_x])
                     )
             total += difference
             count += 1

@@ -62,9 +62,9 @@ def _cell_contrast(image, cell_row, cell_column):  # type: ignore[no-untyped-def
             here = beside = below = 0
             for i in range(STEP_PX):
                 for j in range(STEP_PX):
-                    here += np.int64(image[row + i, column + j])
-                    beside += np.int64(image[row + i, column + STEP_PX + j])
-                    below += np.int64(image[row + STEP_PX + i, column + j])
+                    here += int(image[row + i, column + j])
+                    beside += int(image[row + i, column + STEP_PX + j])
+                    below += int(image[row + STEP_PX + i, column + j])
             total += abs(beside - here) + abs(below - here)
             count += 2
     return total / (count * STEP_PX * STEP_PX) if count else 0.0

@@ -12,10 +12,11 @@ BANDS_PER_IMAGE = 6
 """The uppermost and the lowest of them are compared."""
 BIN_PX = 4
 """Columns are added up by as many for that."""
-REACH_PX = 24
-"""Two sound images of one scene are apart sideways by no more: 90 degrees per second at 10 Hz are
-18 px with a lens of 117 px, and a disparity of 24 px is a wall at 0.3 m. Where all of an image
-is apart by more, there is no tear either."""
+TURN_PX = 24
+"""An image and the one before are apart sideways by no more, either way: 90 degrees per second at
+10 Hz are 18 px with a lens of 117 px. Where all of an image has moved by more, nothing is torn."""
+NEAREST_PX = 48
+"""The eyes' images are apart by no more, one way: the disparity of what the hull touches."""
 BETWEEN_EYES_NORM = 0.9
 """A band that fits so much better beyond the reach than within it is apart; sound eyes show 2."""
 BETWEEN_IMAGES_NORM = 0.7
@@ -30,14 +31,14 @@ SEAM_ROWS = 5
 
 def apart_between_eyes(left: Grey, right: Grey) -> bool:
     """Whether two eyes fit at one end only: disparity moves things one way."""
-    return _fit_at_one_end(left, right, BIN_PX, BETWEEN_EYES_NORM)
+    return _fit_at_one_end(left, right, (NEAREST_PX, BIN_PX), BETWEEN_EYES_NORM)
 
 
 def apart_from_last(image: Grey, last: Grey | None) -> bool:
     """Whether an image fits the one before it at one end only."""
     if last is None or last.shape != image.shape:
         return False
-    return _fit_at_one_end(image, last, REACH_PX, BETWEEN_IMAGES_NORM)
+    return _fit_at_one_end(image, last, (TURN_PX, TURN_PX), BETWEEN_IMAGES_NORM)
 
 
 def seams(left: Grey, right: Grey) -> tuple[float, float]:
@@ -51,8 +52,8 @@ def seams(left: Grey, right: Grey) -> tuple[float, float]:
 
 def _steps(image: Grey) -> NDArray[np.float64]:
     """(height - 1,): mean difference of each row to the one above, over the median."""
-    steps = np.abs(np.diff(image.astype(np.int16), axis=0)).mean(axis=1)
-    return steps / max(float(np.median(steps)), 1.0)
+    steps = np.abs(np.diff(image.astype(np.float64), axis=0)).mean(axis=1)
+    return np.asarray(steps / max(float(np.median(steps)), 1.0))
 
 
 def _excess(own: NDArray[np.float64], other: NDArray[np.float64]) -> float:
@@ -61,18 +62,18 @@ def _excess(own: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     return float((own - nearby).max())
 
 
-def _fit_at_one_end(image: Grey, other: Grey, back_px: int, limit_norm: float) -> bool:
+def _fit_at_one_end(image: Grey, other: Grey, reach_px: tuple[int, int], limit_norm: float) -> bool:
     band = len(image) // BANDS_PER_IMAGE
-    upper = _fit_norm(image[:band], other[:band], back_px)
-    lower = _fit_norm(image[len(image) - band :], other[len(image) - band :], back_px)
-    return (upper < limit_norm) != (lower < limit_norm)
+    upper = _fit_norm(image[:band], other[:band], *reach_px)
+    lower = _fit_norm(image[len(image) - band :], other[len(image) - band :], *reach_px)
+    return bool((upper < limit_norm) != (lower < limit_norm))
 
 
-@njit("f8(u1[:,::1], u1[:,::1], i8)", cache=True, nogil=True, fastmath=FASTMATH)
-def _fit_norm(band, other, back_px):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@njit("f8(u1[:,::1], u1[:,::1], i8, i8)", cache=True, nogil=True, fastmath=FASTMATH)
+def _fit_norm(band, other, reach_px, back_px):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     """Least difference of the bands when shifted beyond the reach, over the least within it.
 
-    The reach is REACH_PX to the right and ``back_px`` to the left; shifts go round.
+    The reach is ``reach_px`` to the right and ``back_px`` to the left; shifts go round.
     """
     height, width = other.shape[0], other.shape[1] // BIN_PX
     now = np.zeros((height, 2 * width), np.int32)
@@ -89,7 +90,7 @@ def _fit_norm(band, other, back_px):  # type: ignore[no-untyped-def]  # noqa: AN
         for row in range(height):
             for column in range(width):
                 total += abs(now[row, column + shift] - then[row, column])
-        if shift * BIN_PX <= REACH_PX or (width - shift) * BIN_PX <= back_px:
+        if shift * BIN_PX <= reach_px or (width - shift) * BIN_PX <= back_px:
             within = total if within < 0 else min(within, total)
         else:
             beyond = total if beyond < 0 else min(beyond, total)

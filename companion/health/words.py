@@ -6,7 +6,7 @@ from companion.kernel.messages import Availability, CameraFault, Event
 
 
 class State(NamedTuple):
-    """The faults confirmed, by where they are, and the figures of each one's newest sign."""
+    """The faults confirmed, by where they are."""
 
     left: CameraFault | None = None
     right: CameraFault | None = None
@@ -36,6 +36,11 @@ def events_of(
         elif now is None and before is not None:
             events.append(_event(stamp_ns, "info", f"{NAMES[place]}: well again"))
     return tuple(events)
+
+
+def faults_in_words(state: State) -> str:
+    present = zip(PLACES, state, strict=True)
+    return ", ".join(f"{NAMES[place]}: {fault.value}" for place, fault in present if fault)
 
 
 def return_of_stereo(stamp_ns: int, difference_px: float) -> Event:
