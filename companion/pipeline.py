@@ -83,6 +83,8 @@ class Pipeline:
         self.perception = Perception(self.matcher, self.learner, self.health)
         self.trust_history = TrustHistory()
         self.phase = Phase.INITIAL
+        self.flown_s = 0.0
+        """Of the plan, at the newest frame; what a resumed flight begins with may be set here."""
         self.thresholds = self._choose_thresholds()
         self._began_ns: int | None = None
         self._sighted_ns = 0
@@ -142,8 +144,10 @@ class Pipeline:
     def _elapsed_s(self, stamp_ns: int) -> float:
         """Since the first frame."""
         if self._began_ns is None:
-            self._began_ns = self._sighted_ns = stamp_ns
-        return (stamp_ns - self._began_ns) * 1e-9
+            self._began_ns = stamp_ns - round(self.flown_s * 1e9)
+            self._sighted_ns = stamp_ns
+        self.flown_s = (stamp_ns - self._began_ns) * 1e-9
+        return self.flown_s
 
     def _enter_phase_at(self, elapsed_s: float) -> None:
         experiment = self.plan.experiment

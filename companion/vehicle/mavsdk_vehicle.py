@@ -19,18 +19,23 @@ from mavsdk.plugins.server_utility import ServerUtility, ServerUtilityError, Sta
 from mavsdk.plugins.telemetry import Telemetry as TelemetryPlugin
 from mavsdk.plugins.telemetry import TelemetryError
 
+from companion.kernel.attempts import attempt
 from companion.kernel.clock import Clock, wall_s
 from companion.kernel.errors import CompanionError, LinkError, VehicleError
-from companion.kernel.messages import Event, FlightMode, LandedState, Setpoint, Telemetry
+from companion.kernel.messages import Event, FlightMode, Setpoint, Telemetry
 from companion.kernel.settings import Settings
 from companion.vehicle.deadman import Deadman, DeadmanSettings, Stage
 from companion.vehicle.slots import TelemetrySlots
+from companion.vehicle.states import hovers, is_disarmed
 
 logger = logging.getLogger(__name__)
 
 POLL_PERIOD_S = 0.05
 ARM_RETRY_PERIOD_S = 0.5
-HEIGHT_TOLERANCE_M = 0.3
+ASKED_TIMES = 3
+"""By us; MAVSDK itself sends a command four times, half a second apart, before it gives up."""
+OFFBOARD_TRIES = 3
+"""On a bad link the command may overtake the first setpoint, and is refused then."""
 TEXT_LENGTH = 50
 """Characters that a STATUSTEXT holds."""
 ARMED_LAG_S = 2.0
@@ -115,14 +120,13 @@ class MavsdkVehicle:
         await _ask("take off", self._action.takeoff)
         await self._confirm(
             f"hovering at {height_m:g} m",
-            lambda now: _hovers(now, height_m),
+            lambda now: hovers(now, height_m),
             self._settings.climb_limit_s,
         )
 
     async def start_offboard(self, setpoint: Setpoint) -> None:
         await self.send(setpoint)
-        await _ask("start offboard", self._offboard.start)
-        await self._confirm_mode(FlightMode.OFFBOARD, lambda: self._put(setpoint))
+        await attempt(OFFBOARD_TRIES, VehicleError, lambda: self._start_offboard(setpoint))
 
     async def send(self, setpoint: Setpoint) -> None:
         """Raises VehicleError when the deadman has taken over."""
@@ -152,7 +156,11 @@ class MavsdkVehicle:
             return
         await _ask("land", self._action.land)
         self._deadman.rest()
-        await self._confirm("disarmed", _is_disarmed, self._settings.land_limit_s)
+        await self._confirm("disarmed", is_disarmed, self._settings.land_limit_s)
+
+    async def _start_offboard(self, setpoint: Setpoint) -> None:
+        await _ask("start offboard", self._offboard.start)
+        await self._confirm_mode(FlightMode.OFFBOARD, lambda: self._put(setpoint))
 
     async def _connect(self) -> None:
         limit_s = self._settings.heartbeat_limit_s
@@ -247,8 +255,12 @@ class _Emergency:
 async def _ask(
     what: str, request: Callable[_P, object], *arguments: _P.args, **named: _P.kwargs
 ) -> None:
-    """A blocking request, on a thread."""
-    await asyncio.to_thread(lambda: _call(what, request, *arguments, **named))
+    """A blocking request, on a thread. Raises LinkError when no answer comes however often."""
+
+    def call() -> None:
+        _call(what, request, *arguments, **named)
+
+    await attempt(ASKED_TIMES, LinkError, lambda: asyncio.to_thread(call))
 
 
 def _call(
@@ -265,18 +277,6 @@ def _call(
 def _velocity_body(setpoint: Setpoint) -> VelocityBodyYawspeed:
     yaw_rate_deg_s = math.degrees(setpoint.yaw_rate_rad_s)
     return VelocityBodyYawspeed(*setpoint.velocity_hfrd_m_s, yaw_rate_deg_s)
-
-
-def _hovers(now: Telemetry, height_m: float) -> bool:
-    return (
-        now.landed_state is LandedState.IN_AIR
-        and now.flight_mode is FlightMode.HOLD
-        and abs(-now.position_ned_m[2] - height_m) < HEIGHT_TOLERANCE_M
-    )
-
-
-def _is_disarmed(now: Telemetry) -> bool:
-    return not now.armed
 
 
 def _reason(error: Exception) -> str:

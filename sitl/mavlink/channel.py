@@ -1,7 +1,7 @@
 """One client of one link: what it is sent, how its frames are packed, what it may say."""
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -27,14 +27,13 @@ class Channel:
         client: Client,
         profile: Profile,
         time_s: float,
-        heartbeat_us: float,
         parameters: Mapping[str, float | int],
         signer: Signer | None,
     ) -> None:
         self.client = client
         self.log: TelemetryLog | None = None
         self.has_ground_station = False
-        self.schedule = Schedule(profile, time_s, heartbeat_us)
+        self.schedule = Schedule(profile, time_s)
         if client.expected:
             self.schedule.start(time_s)
         self._splitter = Splitter(client.in_stream)
@@ -94,3 +93,10 @@ class Channel:
                 "wrong or old" if received.signed else "missing",
             )
         return harmless and not received.signed
+
+
+def forward(channels: Iterable[Channel], sender: Channel, frame: bytes) -> None:
+    """What a component says to everybody reaches the other links too, as with PX4."""
+    for channel in channels:
+        if channel is not sender:
+            channel.forward(frame)

@@ -8,17 +8,20 @@ from pymavlink.dialects.v20 import common as mavlink
 from sitl.autopilot.interface import Ack, AutopilotPort, StatusText
 from sitl.mavlink import commands, framing
 from sitl.mavlink.camera import CameraDescription
-from sitl.mavlink.channel import Channel
+from sitl.mavlink.channel import Channel, forward
 from sitl.mavlink.link_commands import LinkCommands
 from sitl.mavlink.links import Client, Link
 from sitl.mavlink.missions import MissionProtocol
 from sitl.mavlink.parameter_file import ParameterFile
 from sitl.mavlink.parameters import ParameterProtocol
+from sitl.mavlink.places import Datum, Origin
 from sitl.mavlink.setpoints import FRAMES, attitude_setpoint, manual_input, offboard_setpoint
 from sitl.mavlink.signing import Keyring, Signer
 from sitl.mavlink.snapshot import Snapshot
+from sitl.mavlink.state import heartbeat
 from sitl.mavlink.streams import STREAMS
 from sitl.mavlink.tlog import TelemetryLog
+from sitl.mavlink.vision import VisionReader
 
 logger = logging.getLogger(__name__)
 
@@ -34,27 +37,25 @@ class MavlinkServer:
         autopilot: AutopilotPort,
         links: Sequence[Link],
         log: TelemetryLog | None = None,
-        speed: float = 1.0,
         *,
         camera: CameraDescription | None = None,
         keyring: Keyring | None = None,
         parameter_file: ParameterFile | None = None,
+        origin: Origin | None = None,
     ) -> None:
         """``log`` keeps what the first link sends to its first client and all that it receives;
         closed by ``close``. With a ``keyring`` only signed messages are obeyed.
-
-        ``speed`` is the world's: clients time heartbeats on their own clocks, so a world slower
-        than real time sends more of them.
         """
         self._autopilot = autopilot
+        self._origin = origin or Origin()
         self.links = links
         self._log = log
-        self._heartbeat_us = 1e6 * min(1.0, speed)
         self._keyring = keyring
         self._time_s = autopilot.estimate.time_s
         self._parameters = ParameterProtocol(autopilot, parameter_file)
-        self._missions = MissionProtocol(autopilot)
-        self._source = _source_of(autopilot)
+        self._missions = MissionProtocol(autopilot, self._origin)
+        self._vision = VisionReader()
+        self._source = framing.Source.of(autopilot.parameters)
         self._channels: dict[Client, Channel] = {}
         builders = {message_id: stream.builder for message_id, stream in STREAMS.items()}
         if camera is not None:
@@ -74,6 +75,7 @@ class MavlinkServer:
             mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_parameter,
             mavlink.MAVLINK_MSG_ID_PARAM_SET: self._on_parameter,
             **dict.fromkeys(self._missions.handlers, self._on_mission),
+            **dict.fromkeys(self._vision.message_ids, self._on_vision),
         }
 
     def filenos(self) -> list[int]:
@@ -106,21 +108,30 @@ class MavlinkServer:
     def update(self, time_s: float) -> None:
         """Sends what is due at this time of the world; a message is encoded once for all."""
         self._time_s = time_s
-        frames: dict[int, framing.Frame] = {}
+        frames: dict[int, framing.Frame | None] = {}
         now: Snapshot | None = None
         channels = self.channels
         for channel in channels:
             for message_id in channel.schedule.due(time_s):
                 if message_id not in frames:
                     now = now or self._snapshot()
-                    frames[message_id] = framing.encode(STREAMS[message_id].builder(now))
-                channel.put(frames[message_id], self._source, time_s)
+                    message = STREAMS[message_id].builder(now)
+                    frames[message_id] = None if message is None else framing.encode(message)
+                if (frame := frames[message_id]) is not None:
+                    channel.put(frame, self._source, time_s)
         for message in self._missions.update():
             for channel in channels:
                 self._send(channel, message)
         for text in self._autopilot.drain_status_texts():
             self._put_status_text(text, time_s)
         for channel in channels:
+            channel.flush()
+
+    def beat(self) -> None:
+        """One heartbeat more than is due: for a world whose time stands still."""
+        frame = framing.encode(heartbeat(self._snapshot()))
+        for channel in self.channels:
+            channel.put(frame, self._source, self._time_s)
             channel.flush()
 
     def close(self) -> None:
@@ -135,7 +146,6 @@ class MavlinkServer:
             client,
             link.profile,
             self._time_s,
-            self._heartbeat_us,
             self._autopilot.parameters,
             signer,
         )
@@ -148,7 +158,15 @@ class MavlinkServer:
 
     def _snapshot(self) -> Snapshot:
         autopilot = self._autopilot
-        return Snapshot(autopilot.estimate, autopilot.status, self._time_s, autopilot.parameters)
+        return Snapshot(
+            autopilot.estimate,
+            autopilot.status,
+            self._time_s,
+            autopilot.parameters,
+            self._origin,
+            autopilot.sensors,
+            autopilot.quality,
+        )
 
     def _take(self, link: Link, client: Client, data: bytes) -> None:
         """Who has never sent a sound frame is not a client, however much else it sends."""
@@ -162,14 +180,8 @@ class MavlinkServer:
             if self._log is not None and link is self.links[0]:
                 self._log.write(self._time_s, received.frame)
             if received.message.get_msgId() == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
-                self._forward(channel, received.frame)
+                forward(self.channels, channel, received.frame)
             self._obey(channel, received.message)
-
-    def _forward(self, sender: Channel, frame: bytes) -> None:
-        """What a component says to everybody reaches the other links too, as with PX4."""
-        for channel in self.channels:
-            if channel is not sender:
-                channel.forward(frame)
 
     def _obey(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
         handler = self._handlers.get(message.get_msgId())
@@ -202,7 +214,8 @@ class MavlinkServer:
             self._autopilot.hear_ground_station()
 
     def _on_command(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
-        command, parameters = message.command, commands.parameters_of(message)
+        datum = Datum(self._origin, self._autopilot.plans.home.position_ned_m[2])
+        command, parameters = message.command, commands.parameters_of(message, datum)
         if command == mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
             self._on_reboot(channel, message, parameters)
             return
@@ -228,7 +241,7 @@ class MavlinkServer:
         self._acknowledge(channel, message, ack)
         if ack is Ack.ACCEPTED and p[0] == reboot:
             channel.flush()
-            self._source = _source_of(self._autopilot)
+            self._source = framing.Source.of(self._autopilot.parameters)
             self._channels.clear()
 
     def _acknowledge(self, channel: Channel, message: mavlink.MAVLink_message, ack: Ack) -> None:
@@ -256,6 +269,11 @@ class MavlinkServer:
         if message.target in {0, self._source.system_id}:
             self._autopilot.set_manual_input(manual_input(message))
 
+    def _on_vision(self, _: Channel, message: mavlink.MAVLink_message) -> None:
+        sample = self._vision.read(message)
+        if sample is not None:
+            self._autopilot.take_vision(sample)
+
     def _on_timesync(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
         if message.tc1 == 0:  # a question; anything else answers one
             now_ns = round(self._time_s * 1e9)
@@ -275,8 +293,3 @@ class MavlinkServer:
     def _on_mission(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
         handler = self._missions.handlers[message.get_msgId()]
         handler(message, lambda answer: self._send(channel, answer))
-
-
-def _source_of(autopilot: AutopilotPort) -> framing.Source:
-    values = autopilot.parameters
-    return framing.Source(int(values["MAV_SYS_ID"]), int(values["MAV_COMP_ID"]))

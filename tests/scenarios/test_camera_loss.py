@@ -15,13 +15,13 @@ LOST_S = 50.0
 
 
 def faults(**by_time):
-    """``at_50={...}``: an override of ``sitl.faults``."""
+    """``at_50={...}``: an override of ``sitl.events``."""
     tables = (
         "{" + ", ".join([f"at_s = {float(time[3:])}", *(f'{k} = "{v}"' for k, v in what.items())])
         + "}"
         for time, what in by_time.items()
     )  # fmt: skip
-    return f"sitl.faults=[{', '.join(tables)}]"
+    return f"sitl.events=[{', '.join(tables)}]"
 
 
 def texts(flown):

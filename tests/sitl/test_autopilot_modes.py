@@ -206,3 +206,22 @@ def test_attitude_mode_takes_off_and_lands_by_thrust(flight):
     stream(flight, up._replace(thrust_norm=HOVER_NORM * 0.93), 8.0)
     stream(flight, up._replace(thrust_norm=HOVER_NORM * 0.7), 5.0)
     assert flight.status.landed_state is LandedState.ON_GROUND
+
+
+def test_thrust_alone_takes_off_from_the_ground(flight):
+    flight.get_ready()
+    thrust = [0.0]
+
+    def push():
+        flight.autopilot.set_offboard_setpoint(
+            AttitudeSetpoint(0.0, 0.0, 0.0, (NAN, NAN, NAN), thrust[0])
+        )
+
+    push()
+    flight.autopilot.arm()
+    assert flight.autopilot.set_mode(FlightMode.OFFBOARD) is Ack.ACCEPTED
+    flight.run(1.0, push)
+    thrust[0] = 0.7
+    flight.run(3.0, push)
+    assert flight.world.truth.position_ned_m[2] < -1.0
+    assert flight.said("Landing detected") == []

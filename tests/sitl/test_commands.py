@@ -7,10 +7,10 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.messages import FlightMode
 from sitl.autopilot.interface import Ack
-from sitl.mavlink.places import degrees_from_ned
-from sitl.mavlink.snapshot import HOME_AMSL_M
+from sitl.mavlink.places import Origin
 
 NAN = math.nan
+ORIGIN = Origin()
 UNSET = 2**31 - 1
 REPOSITION = mavlink.MAV_CMD_DO_REPOSITION
 
@@ -35,7 +35,7 @@ def place_of(flight):
 
 
 def test_reposition_flies_there_nose_ahead_and_holds(flight):
-    north_deg, east_deg = (round(d * 1e7) for d in degrees_from_ned((2.0, -1.0, 0.0)))
+    north_deg, east_deg = (round(d * 1e7) for d in ORIGIN.degrees((2.0, -1.0, 0.0)))
     frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
     go = (-1.0, 1.0, 0.0, NAN)
     assert command_int(flight, REPOSITION, frame, go, north_deg, east_deg, 1.5) == [Ack.ACCEPTED]
@@ -57,8 +57,8 @@ def test_reposition_takes_local_places_and_leaves_out_what_is_not_given(flight):
 
 
 def test_reposition_in_degrees_of_a_command_long(flight):
-    latitude_deg, longitude_deg = degrees_from_ned((3.0, 0.0, 0.0))
-    place = (latitude_deg, longitude_deg, HOME_AMSL_M + 2.0)
+    latitude_deg, longitude_deg = ORIGIN.degrees((3.0, 0.0, 0.0))
+    place = (latitude_deg, longitude_deg, ORIGIN.amsl_m + 2.0)
     assert flight.acks(REPOSITION, -1.0, 1.0, 0.0, NAN, *place) == [Ack.ACCEPTED]
     flight.run(10.0)
     # A float carries 52 degrees to 4e-6 degrees: 0.2 m along a meridian, less along a parallel.
@@ -94,7 +94,7 @@ def test_a_new_home_is_told_and_heights_and_the_fence_count_from_it(flight):
     latest = {message.get_type(): message for message in flight.run(2.1)}
     home = latest["HOME_POSITION"]
     assert (home.x, home.y, home.z) == pytest.approx((3.0, -4.0, -0.5), abs=0.02)
-    assert home.altitude == pytest.approx((HOME_AMSL_M + 0.5) * 1e3, abs=1)
+    assert home.altitude == pytest.approx((ORIGIN.amsl_m + 0.5) * 1e3, abs=1)
     height_mm = -place_of(flight)[2] * 1e3
     assert latest["GLOBAL_POSITION_INT"].relative_alt == pytest.approx(height_mm - 500, abs=60)
     flight.autopilot.set_parameter("GF_MAX_HOR_DIST", 4.0)  # home is 5 m away
