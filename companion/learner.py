@@ -222,8 +222,8 @@ def _one_lesson(
     settings: LearnerSettings, dictionary: TextonDictionary | None
 ) -> tuple[Arrays, Seen]:
     """What a learner holds after one empty image, and what it saw."""
-    at_once = msgspec.structs.replace(settings, delay_frames=0)
-    learner = Learner(at_once, np.random.default_rng(0), dictionary)
+    settings = msgspec.structs.replace(settings, delay_frames=0)
+    learner = Learner(settings, np.random.default_rng(0), dictionary)
     image = np.zeros((96, 128), dtype=np.uint8)
     features = learner.observe(image)
     if features is None:
