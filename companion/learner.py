@@ -147,13 +147,13 @@ class Learner:
             return False
         seen = self._seen(features)
         if not self.settings.delay_frames:
-            return self._take(seen, disparity_px, map_of)
+            return self._teach(seen, disparity_px, map_of)
         self._waiting.append(_Lesson.of(seen, disparity_px, map_of if self._uses_maps else None))
         if len(self._waiting) <= self.settings.delay_frames:
             return False
-        return self._take(*self._waiting.popleft())
+        return self._teach(*self._waiting.popleft())
 
-    def _take(self, seen: Seen, disparity_px: float, map_of: MapOf | None) -> bool:
+    def _teach(self, seen: Seen, disparity_px: float, map_of: MapOf | None) -> bool:
         if not self._estimator.learn(seen, disparity_px, map_of):
             return False
         self._novelty.learn(seen.features)

@@ -81,6 +81,18 @@ async def fly(
     raise VehicleError("the camera has no more frames before the plan is flown")
 
 
+def _step(pipeline: Pipeline, frame: StereoFrame, telemetry: Telemetry, now_s: float) -> Step:
+    """One frame on; whatever goes wrong in there, the vehicle has to come down."""
+    try:
+        return pipeline.step(frame, telemetry, now_s)
+    except CompanionError:
+        raise
+    except Exception as error:
+        logger.exception("on the frame of %.2f s", frame.stamp_ns * 1e-9)
+        said = f"{type(error).__name__}: {error}"
+        raise CompanionError(f"perceiving and deciding failed: {said}") from error
+
+
 async def announce(vehicle: Vehicle, log: FlightLogWriter, event: Event) -> None:
     """To the log, to the terminal and over the link."""
     logger.log(logging.INFO if event.severity == "info" else logging.WARNING, "%s", event.text)
@@ -97,18 +109,6 @@ async def _obey(vehicle: Vehicle, verdict: Verdict, authority: "Authority") -> N
         await vehicle.start_offboard(verdict.setpoint)
         authority.mode = FlightMode.OFFBOARD
     await vehicle.send(verdict.setpoint)
-
-
-def _step(pipeline: Pipeline, frame: StereoFrame, telemetry: Telemetry, arrived_s: float) -> Step:
-    """One frame on; whatever goes wrong in there, the vehicle has to come down."""
-    try:
-        return pipeline.step(frame, telemetry, arrived_s)
-    except CompanionError:
-        raise
-    except Exception as error:
-        logger.exception("on the frame of %.2f s", frame.stamp_ns * 1e-9)
-        said = f"{type(error).__name__}: {error}"
-        raise CompanionError(f"perceiving and deciding failed: {said}") from error
 
 
 async def watch(
@@ -143,14 +143,6 @@ async def watch(
         last = reaction
 
 
-def _silence(vehicle: Vehicle, age_s: float, silent: bool) -> Event:
-    stamp_ns = vehicle.telemetry().stamp_ns
-    if not silent:
-        return Event(stamp_ns=stamp_ns, severity="info", text="camera: frames again")
-    text = f"camera: {CameraFault.NO_FRAMES.value}; stopping (for {age_s:.1f} s)"
-    return Event(stamp_ns=stamp_ns, severity="warning", text=text)
-
-
 async def pulse(
     clock: Clock,
     newest: Callable[[], Heartbeat],
@@ -167,6 +159,14 @@ async def pulse(
         if not heartbeat.flying or react_to_age(age_s, settings) is not Reaction.LAND:
             supervisor.alive()
         await clock.sleep(WATCH_PERIOD_S)
+
+
+def _silence(vehicle: Vehicle, age_s: float, silent: bool) -> Event:
+    stamp_ns = vehicle.telemetry().stamp_ns
+    if not silent:
+        return Event(stamp_ns=stamp_ns, severity="info", text="camera: frames again")
+    text = f"camera: {CameraFault.NO_FRAMES.value}; stopping (for {age_s:.1f} s)"
+    return Event(stamp_ns=stamp_ns, severity="warning", text=text)
 
 
 class Authority:

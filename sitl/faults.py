@@ -45,11 +45,6 @@ class Faults(Settings, frozen=True):
     """State of charge that the battery jumps to."""
     motor_efficiency_norm: tuple[Norm, Norm, Norm, Norm] | None = None
     """Thrust that each rotor still makes, over that of a sound one; in PX4's order."""
-    left_eye: EyeFault | None = None
-    """What becomes of its images; "none" mends it."""
-    right_eye: EyeFault | None = None
-    stereo_pair: PairFault | None = None
-    """What becomes of both together."""
     estimator_drift_ned_m_s: Vector3 | None = None
     """Velocity is measured wrong by this, and the position walks away with it."""
     failures: dict[UnitName, KindName] = field(default_factory=dict)
@@ -61,12 +56,18 @@ class Faults(Settings, frozen=True):
     link_latency_s: Delay | None = None
     link_jitter_s: Delay | None = None
     link_duplicate_norm: Norm | None = None
+    left_eye: EyeFault | None = None
+    """What becomes of its images; ``"none"`` mends it."""
+    right_eye: EyeFault | None = None
+    stereo_pair: PairFault | None = None
+    """What becomes of both together."""
 
 
 class Event(Faults, frozen=True, kw_only=True):
-    """Faults that begin at a time of the world."""
+    """Faults that begin by themselves."""
 
     at_s: Annotated[float, Meta(ge=0.0)]
+    """The world's time, which begins before take-off."""
 
 
 def inject(world: "World", faults: Faults) -> float:
@@ -91,11 +92,11 @@ def inject(world: "World", faults: Faults) -> float:
         autopilot.set_drift(faults.estimator_drift_ned_m_s)
     for unit, kind in faults.failures.items():
         autopilot.failures.inject(_UNITS[unit], Kind[kind.upper()])
+    eyes = world.camera_faults
+    eyes.left_eye = faults.left_eye or eyes.left_eye
+    eyes.right_eye = faults.right_eye or eyes.right_eye
+    eyes.pair = faults.stereo_pair or eyes.pair
     _impair(world.link, faults)
-    cameras = world.camera_faults
-    cameras.left_eye = faults.left_eye or cameras.left_eye
-    cameras.right_eye = faults.right_eye or cameras.right_eye
-    cameras.pair = faults.stereo_pair or cameras.pair
     return world.time_s
 
 

@@ -36,13 +36,13 @@ CLIMB_LIMIT_S = 30.0
 MODE_LIMIT_S = 2.0
 LAND_LIMIT_S = 60.0
 HEIGHT_TOLERANCE_M = 0.15
-TEXT_LENGTH = 50
-"""Characters that a STATUSTEXT holds."""
 ASKED_TIMES = 12
 ANSWER_LIMIT_S = 0.5
 """As MAVSDK, and the companion's adapter on it: what is not answered is sent again."""
 OFFBOARD_TRIES = 3
 """The command may overtake the first setpoint, and is refused then."""
+TEXT_LENGTH = 50
+"""Characters that a STATUSTEXT holds."""
 
 
 @asynccontextmanager
