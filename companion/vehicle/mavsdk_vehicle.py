@@ -36,8 +36,8 @@ ASKED_TIMES = 3
 """By us; MAVSDK itself sends a command four times, half a second apart, before it gives up."""
 OFFBOARD_TRIES = 3
 """On a bad link the command may overtake the first setpoint, and is refused then."""
-TEXT_LENGTH = 50
-"""Characters that a STATUSTEXT holds."""
+TEXT_LENGTH = 49
+"""Characters that one STATUSTEXT holds; from 50 on MAVSDK sends a second one."""
 ARMED_LAG_S = 2.0
 """`armed` comes with heartbeats at 1 Hz; for this long after arming, a "no" may be old."""
 

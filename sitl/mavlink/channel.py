@@ -1,7 +1,7 @@
 """One client of one link: what it is sent, how its frames are packed, what it may say."""
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -93,10 +93,3 @@ class Channel:
                 "wrong or old" if received.signed else "missing",
             )
         return harmless and not received.signed
-
-
-def forward(channels: Iterable[Channel], sender: Channel, frame: bytes) -> None:
-    """What a component says to everybody reaches the other links too, as with PX4."""
-    for channel in channels:
-        if channel is not sender:
-            channel.forward(frame)

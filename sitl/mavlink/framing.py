@@ -1,7 +1,7 @@
 """Frames of MAVLink on the wire: encoded once, packed for each client, found among other bytes."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from pymavlink.dialects.v10 import common as mavlink1
@@ -21,10 +21,6 @@ class Source(NamedTuple):
 
     system_id: int = 1
     component_id: int = mavlink.MAV_COMP_ID_AUTOPILOT1
-
-    @classmethod
-    def of(cls, parameters: Mapping[str, float | int]) -> "Source":
-        return cls(int(parameters["MAV_SYS_ID"]), int(parameters["MAV_COMP_ID"]))
 
 
 class Frame(NamedTuple):
