@@ -82,6 +82,11 @@ class CameraHealth:
         return sign is None
 
     @property
+    def available(self) -> Availability:
+        """What may be flown on, but for the age of a frame."""
+        return self._available
+
+    @property
     def faults(self) -> str:
         """Those confirmed, in words; "" for none."""
         return faults_in_words(self._told)
