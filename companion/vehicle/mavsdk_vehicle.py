@@ -22,10 +22,11 @@ from mavsdk.plugins.telemetry import TelemetryError
 from companion.kernel.attempts import attempt
 from companion.kernel.clock import Clock, wall_s
 from companion.kernel.errors import CompanionError, LinkError, VehicleError
-from companion.kernel.messages import Event, FlightMode, LandedState, Setpoint, Telemetry
+from companion.kernel.messages import Event, FlightMode, Setpoint, Telemetry
 from companion.kernel.settings import Settings
 from companion.vehicle.deadman import Deadman, DeadmanSettings, Stage
 from companion.vehicle.slots import TelemetrySlots
+from companion.vehicle.states import hovers, is_disarmed
 
 logger = logging.getLogger(__name__)
 
@@ -35,9 +36,8 @@ ASKED_TIMES = 3
 """By us; MAVSDK itself sends a command four times, half a second apart, before it gives up."""
 OFFBOARD_TRIES = 3
 """On a bad link the command may overtake the first setpoint, and is refused then."""
-HEIGHT_TOLERANCE_M = 0.3
-TEXT_LENGTH = 50
-"""Characters that a STATUSTEXT holds."""
+TEXT_LENGTH = 49
+"""Characters that one STATUSTEXT holds; from 50 on MAVSDK sends a second one."""
 ARMED_LAG_S = 2.0
 """`armed` comes with heartbeats at 1 Hz; for this long after arming, a "no" may be old."""
 
@@ -120,7 +120,7 @@ class MavsdkVehicle:
         await _ask("take off", self._action.takeoff)
         await self._confirm(
             f"hovering at {height_m:g} m",
-            lambda now: _hovers(now, height_m),
+            lambda now: hovers(now, height_m),
             self._settings.climb_limit_s,
         )
 
@@ -156,7 +156,7 @@ class MavsdkVehicle:
             return
         await _ask("land", self._action.land)
         self._deadman.rest()
-        await self._confirm("disarmed", _is_disarmed, self._settings.land_limit_s)
+        await self._confirm("disarmed", is_disarmed, self._settings.land_limit_s)
 
     async def _start_offboard(self, setpoint: Setpoint) -> None:
         await _ask("start offboard", self._offboard.start)
@@ -277,18 +277,6 @@ def _call(
 def _velocity_body(setpoint: Setpoint) -> VelocityBodyYawspeed:
     yaw_rate_deg_s = math.degrees(setpoint.yaw_rate_rad_s)
     return VelocityBodyYawspeed(*setpoint.velocity_hfrd_m_s, yaw_rate_deg_s)
-
-
-def _hovers(now: Telemetry, height_m: float) -> bool:
-    return (
-        now.landed_state is LandedState.IN_AIR
-        and now.flight_mode is FlightMode.HOLD
-        and abs(-now.position_ned_m[2] - height_m) < HEIGHT_TOLERANCE_M
-    )
-
-
-def _is_disarmed(now: Telemetry) -> bool:
-    return not now.armed
 
 
 def _reason(error: Exception) -> str:
