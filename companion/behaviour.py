@@ -4,7 +4,7 @@ It sees no disparity: the switch has compared λ with the threshold of the cue t
 """
 
 import math
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from msgspec import Meta
@@ -27,6 +27,8 @@ class BehaviourSettings(Settings, frozen=True):
     """0 hovers where it took off."""
     yaw_rate_deg_s: Annotated[float, Meta(gt=0, le=180)] = 45.0
     heading_tolerance_deg: Annotated[float, Meta(gt=0, le=45)] = 5.0
+    turn_to: Literal["random", "freer"] = "random"
+    """The side that it turns to; how far is drawn at random in any case."""
     unknown_limit_s: Positive = 1.0
     """λ unknown for longer while flying ahead counts as blocked: turn away."""
     height_m: Annotated[float, Meta(gt=0.2, le=10)] = 1.2
@@ -48,13 +50,18 @@ class Behaviour:
         """Whether the next step depends on the obstacle ahead (a rotation ignores it)."""
         return self.state is not BehaviourState.ROTATE
 
-    def step(self, stamp_ns: int, blocked: bool | None, yaw_rad: float) -> Goal:
-        """One frame on. ``blocked`` is None while λ is unknown."""
+    def step(
+        self, stamp_ns: int, blocked: bool | None, yaw_rad: float, freer_sign: int = 0
+    ) -> Goal:
+        """One frame on. ``blocked`` is None while λ is unknown.
+
+        ``freer_sign``: +1 where the way is freer on the right, -1 on the left, 0 unknown.
+        """
         if math.isnan(self._heading_rad) and self.state is BehaviourState.STRAIGHT:
             self._heading_rad = yaw_rad
         if self.state is BehaviourState.STRAIGHT:
             if self._must_turn(stamp_ns, blocked):
-                self._begin_turn(yaw_rad)
+                self._begin_turn(yaw_rad, freer_sign)
         elif self.state is BehaviourState.SEARCH or self._aligned(yaw_rad):
             self._go_on(blocked, yaw_rad)
         return self._goal(blocked)
@@ -71,8 +78,10 @@ class Behaviour:
         error_rad = wrap_angle_rad(self._heading_rad - yaw_rad)
         return abs(error_rad) <= math.radians(self.settings.heading_tolerance_deg)
 
-    def _begin_turn(self, yaw_rad: float) -> None:
+    def _begin_turn(self, yaw_rad: float, freer_sign: int) -> None:
         turn_rad = self._rng.uniform(-math.pi, math.pi)
+        if self.settings.turn_to == "freer" and freer_sign:
+            turn_rad = math.copysign(turn_rad, freer_sign)
         self._heading_rad = wrap_angle_rad(yaw_rad + turn_rad)
         self._turn_sign = 1 if turn_rad >= 0 else -1
         self._unknown_since_ns = None

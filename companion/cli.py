@@ -130,7 +130,8 @@ def learn(
 ) -> None:
     """Learn from recorded stereo pairs, without a vehicle, and say how well it went.
 
-    A recording is a folder in the EuRoC/ASL layout or a flight.mcap with images.
+    A recording is a folder in the EuRoC/ASL layout or with left/ and right/, a flight.mcap with
+    images or a side-by-side video.
     """
     from companion.camera.recording import open_recordings
     from companion.console import print_learning

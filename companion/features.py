@@ -1,17 +1,32 @@
 """What an image is turned into before a regressor sees it; the kinds are chosen by name."""
 
+from collections.abc import Callable, Mapping
 from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from companion import gradients
+from companion.cells import COLUMNS, ROWS
 from companion.kernel.errors import PlanError
 from companion.textons import TextonDictionary, TextonEncoder, TextonSettings, TextonTrainer
 
-Kind = Literal["textons", "gradients"]
+Kind = Literal["textons", "entropy", "gradients", "pixels"]
 Grey = NDArray[np.uint8]
-Features = NDArray[np.float32]
+Floats32 = NDArray[np.float32]
+Features = Floats32
+
+
+def pixels_of(view: Floats32) -> Features:
+    """A shrunk image itself, row by row: (gradients.HEIGHT_PX * gradients.WIDTH_PX,)."""
+    return view.reshape(-1)
+
+
+OF_VIEWS: Mapping[Kind, Callable[[Floats32], Features]] = {
+    "gradients": gradients.encode,
+    "pixels": pixels_of,
+}
+"""Kinds that are made of a shrunk image, and so of companion.views' enlarged ones too."""
 
 
 class Extractor(Protocol):
@@ -31,22 +46,32 @@ class Extractor(Protocol):
         """Features of an image (height, width); None while it can only be learned from."""
         ...
 
+    def cells(self, image: Grey) -> Features:
+        """Features of each cell of an image alone, (CELLS, n). It must be ready."""
+        ...
+
     def adopt(self, dictionary: TextonDictionary) -> None:
         """Uses these textons from here on. Raises PlanError where they do not fit."""
         ...
 
 
-class GradientFeatures:
-    """See companion.gradients: nothing is learned, so it is ready at once."""
+class ViewFeatures:
+    """Of the shrunk image, by the kinds in OF_VIEWS: nothing is learned, it is ready at once."""
 
     dictionary = None
     ready = True
 
+    def __init__(self, kind: Kind) -> None:
+        self._kind = kind
+
     def observe(self, image: Grey, frozen: bool) -> Features | None:
-        return gradients.encode(gradients.shrink(image))
+        return OF_VIEWS[self._kind](gradients.shrink(image))
+
+    def cells(self, image: Grey) -> Features:
+        return gradients.encode_cells(gradients.shrink(image))
 
     def adopt(self, dictionary: TextonDictionary) -> None:
-        raise PlanError('learner.dictionary: features "gradients" use no textons')
+        raise PlanError(f'learner.dictionary: features "{self._kind}" use no textons')
 
 
 class TextonFeatures:
@@ -78,6 +103,11 @@ class TextonFeatures:
                 self.adopt(self._trainer.dictionary)
         return None
 
+    def cells(self, image: Grey) -> Features:
+        if self._encoder is None:
+            raise RuntimeError("cells need a dictionary")
+        return self._encoder.encode_cells(image, ROWS, COLUMNS)
+
     def adopt(self, dictionary: TextonDictionary) -> None:
         textons = self._settings
         n_values = textons.patch_px**2
@@ -89,3 +119,11 @@ class TextonFeatures:
                 f"the settings ask for {wanted[0]} and {wanted[1]}"
             )
         self._encoder = TextonEncoder(dictionary, textons, self._sampling_rng, self._entropy_scale)
+
+
+class EntropyFeatures(TextonFeatures):
+    """The entropy of the texton histogram alone: the appearance variation cue (de Croon 2012)."""
+
+    def observe(self, image: Grey, frozen: bool) -> Features | None:
+        features = super().observe(image, frozen)
+        return None if features is None else features[-1:]

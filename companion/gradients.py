@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from companion import cells
 from companion.kernel.fastmath import FASTMATH
 
 Grey = NDArray[np.uint8]
@@ -19,6 +20,8 @@ WIDTH_PX, HEIGHT_PX = 64, 48
 SCALES = 3
 """Full, half and quarter size."""
 ROWS, COLUMNS = 3, 4
+CELL_SCALES = 2
+"""Of the finer cells of a map: at quarter size they would be 2 px wide."""
 ENERGIES = 6
 """Across, down, both diagonals, square, and the lesser of across and down (corners)."""
 QUANTILES = (0.25, 0.5, 0.75, 0.9, 0.98)
@@ -46,6 +49,13 @@ def encode(view: Floats32) -> Floats32:
     return features
 
 
+def encode_cells(view: Floats32) -> Floats32:
+    """Features of each cell of a view: (cells.CELLS, CELL_SCALES * ENERGIES + 1)."""
+    features = np.empty((cells.CELLS, CELL_SCALES * ENERGIES + 1), dtype=np.float32)
+    _encode_cells(np.ascontiguousarray(view), features)
+    return features
+
+
 @njit(cache=True, nogil=True)
 def _halve(view):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
     height, width = view.shape[0] // 2, view.shape[1] // 2
@@ -61,12 +71,13 @@ def _halve(view):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numb
 
 @njit(cache=True, nogil=True, fastmath=FASTMATH)
 def _pool(view, energy, counts):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
-    """Mean energies per cell, (ENERGIES, ROWS, COLUMNS), and how often each magnitude occurs."""
-    height, width = view.shape[0] // ROWS, view.shape[1] // COLUMNS
+    """Mean energies per cell, (ENERGIES, rows, columns), and how often each magnitude occurs."""
+    _, rows, columns = energy.shape
+    height, width = view.shape[0] // rows, view.shape[1] // columns
     counts[:] = 0
     sums = np.empty(ENERGIES)
-    for cell in range(ROWS * COLUMNS):
-        top, left = cell // COLUMNS * height, cell % COLUMNS * width
+    for cell in range(rows * columns):
+        top, left = cell // columns * height, cell % columns * width
         sums[:] = 0.0
         for row in range(max(top, 1), min(top + height, view.shape[0] - 1)):
             for column in range(max(left, 1), min(left + width, view.shape[1] - 1)):
@@ -80,7 +91,7 @@ def _pool(view, energy, counts):  # type: ignore[no-untyped-def]  # noqa: ANN001
                 sums[4] += squared
                 sums[5] += min(abs(across), abs(down))
                 counts[min(int(np.sqrt(squared) * BINS_PER_LSB), len(counts) - 1)] += 1
-        energy[:, cell // COLUMNS, cell % COLUMNS] = sums / (height * width)
+        energy[:, cell // columns, cell % columns] = sums / (height * width)
 
 
 @njit(cache=True, nogil=True)
@@ -119,4 +130,22 @@ def _encode(view, quantiles, features):  # type: ignore[no-untyped-def]  # noqa:
             place += 1
         _quantiles(counts, quantiles, features[place:])
         place += len(quantiles)
+        view = _halve(view)
+
+
+@njit("void(f4[:,::1], f4[:,::1])", cache=True, nogil=True)
+def _encode_cells(view, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+    energy = np.empty((ENERGIES, cells.ROWS, cells.COLUMNS))
+    counts = np.empty(int(MOST_LSB * BINS_PER_LSB), dtype=np.int64)
+    height, width = view.shape[0] // cells.ROWS, view.shape[1] // cells.COLUMNS
+    for cell in range(len(features)):
+        top, left = cell // cells.COLUMNS * height, cell % cells.COLUMNS * width
+        brightness = view[top : top + height, left : left + width].mean()
+        features[cell, -1] = brightness / BRIGHTNESS_UNIT_LSB
+    for scale in range(CELL_SCALES):
+        _pool(view, energy, counts)
+        for cell in range(len(features)):
+            for kind in range(ENERGIES):
+                value = energy[kind, cell // cells.COLUMNS, cell % cells.COLUMNS]
+                features[cell, scale * ENERGIES + kind] = np.log(FLOOR_LSB + value)
         view = _halve(view)

@@ -7,33 +7,48 @@ the target. What it has learned stays when stereo is gone.
 
 import math
 from collections import deque
-from collections.abc import Callable
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from companion import gradients, regressors
-from companion.features import Extractor, Features, GradientFeatures, Grey, TextonFeatures
+from companion.estimators import (
+    Estimate,
+    Estimator,
+    MapEstimator,
+    MapOf,
+    ScalarEstimator,
+    Seen,
+    part,
+    whole,
+)
+from companion.features import (
+    OF_VIEWS,
+    EntropyFeatures,
+    Extractor,
+    Features,
+    Grey,
+    TextonFeatures,
+    ViewFeatures,
+)
 from companion.kernel.errors import PlanError
 from companion.kernel.messages import StereoFrame
 from companion.learner_settings import LearnerSettings
+from companion.novelty import Novelty
 from companion.textons import TextonDictionary
-from companion.views import views_of
-
-MapOf = Callable[[], NDArray[np.float32]]
-"""Gives the disparity map (height, width) of the pair just matched, NaN where unmatched."""
-
-LOG_OFFSET_PX, LOG_FLOOR_PX = 0.5, -0.4
-"""log(λ + offset) is learned, of λ no less than the floor; a poor calibration makes λ negative."""
 
 
 class MonoEstimate(NamedTuple):
-    """λ as one eye sees it, averaged over the last frames; NaN while unknown."""
+    """λ as one eye sees it; NaN while unknown."""
 
     mono_px: float
+    """Averaged over the last frames."""
     std_px: float
-    """Spread of the neighbours' targets, averaged over the same frames."""
+    """Averaged over the same frames."""
+    novelty: float
+    """Of the newest frame alone: see companion.novelty."""
+    map_px: NDArray[np.float32] | None = None
+    """λ of each cell (companion.cells) of the newest frame, where ``learner.output`` is "map"."""
 
 
 class LearnerState(NamedTuple):
@@ -44,7 +59,9 @@ class LearnerState(NamedTuple):
     """Settings that the arrays depend on, by their path in a plan."""
 
 
-UNKNOWN = MonoEstimate(math.nan, math.nan)
+UNKNOWN = MonoEstimate(math.nan, math.nan, math.nan)
+MOST_GREY = 255.0
+"""No texton of an image is brighter, darker or steeper."""
 
 
 class Learner:
@@ -58,21 +75,13 @@ class Learner:
     ) -> None:
         self.settings = settings
         self.frozen = False
-        self._trained = False
-        self._design = settings.design
         self._extractor = _extractor(settings, rng)
         if dictionary is not None:
             self._extractor.adopt(dictionary)
-        self._views_rng = rng.spawn(1)[0]
-        parameters = regressors.RegressorSettings(
-            k=settings.k,
-            capacity=settings.capacity,
-            seed=int(self._views_rng.integers(2**31)),
-        )
-        self._regressor = regressors.make(self._design.regressor, parameters)
-        self._range_px = np.array([math.inf, -math.inf])
-        self._observed: tuple[Grey, Features] | None = None
-        self._recent: deque[MonoEstimate] = deque(maxlen=settings.smooth_frames)
+        self._estimator = _estimator(settings, self._extractor, rng.spawn(1)[0])
+        self._novelty = Novelty()
+        self._observed: Seen | None = None
+        self._recent: deque[Estimate] = deque(maxlen=settings.smooth_frames)
 
     @property
     def ready(self) -> bool:
@@ -90,19 +99,21 @@ class Learner:
     def observe(self, image: Grey) -> Features | None:
         """Features (n_features,) of a raw image; None while the dictionary is being learned."""
         features = self._extractor.observe(image, self.frozen)
-        self._observed = None if features is None else (image, features)
+        self._observed = None if features is None else Seen(features, image)
         return features
 
     def predict(self, features: Features | None) -> MonoEstimate:
         """Estimate of λ, averaged with those of the last frames."""
-        if features is None or not self._trained:
+        if features is None or not self._estimator.trained:
             return UNKNOWN
-        mean, std = self._regressor.predict(features[np.newaxis], return_std=True)
-        self._recent.append(self._in_pixels(float(mean[0]), float(std[0])))
+        newest = self._estimator.estimate(self._seen(features))
+        self._recent.append(newest)
         n_recent = len(self._recent)
         return MonoEstimate(
             sum(estimate.mono_px for estimate in self._recent) / n_recent,
             sum(estimate.std_px for estimate in self._recent) / n_recent,
+            self._novelty.of(features),
+            newest.map_px,
         )
 
     def learn(
@@ -114,30 +125,16 @@ class Learner:
         """
         if self.frozen or features is None or math.isnan(disparity_px):
             return False
-        samples, disparities_px = [features], [disparity_px]
-        if self._design.views and map_of and self._observed and self._observed[1] is features:
-            image, n_views = self._observed[0], self._design.views
-            for view, view_px in views_of(image, map_of(), disparity_px, n_views, self._views_rng):
-                samples.append(gradients.encode(view))
-                disparities_px.append(view_px)
-        self._regressor.partial_fit(np.stack(samples), self._targets(np.array(disparities_px)))
-        self._range_px[0] = min(self._range_px[0], disparity_px)
-        self._range_px[1] = max(self._range_px[1], disparity_px)
-        self._trained = True
+        if not self._estimator.learn(self._seen(features), disparity_px, map_of):
+            return False
+        self._novelty.learn(features)
         return True
 
-    def _targets(self, disparities_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        if self._design.target == "linear":
-            return disparities_px
-        return np.log(np.maximum(disparities_px, LOG_FLOOR_PX) + LOG_OFFSET_PX)
-
-    def _in_pixels(self, mean: float, std: float) -> MonoEstimate:
-        """The regressor's answer as λ, within what stereo has reported so far."""
-        least_px, most_px = self._range_px
-        if self._design.target == "log":
-            mean = math.exp(min(mean, math.log(most_px + 1.0)))
-            mean, std = mean - LOG_OFFSET_PX, mean * std
-        return MonoEstimate(float(min(max(mean, least_px), most_px)), std)
+    def _seen(self, features: Features) -> Seen:
+        """With the image, if it is the one just observed."""
+        if self._observed is not None and self._observed.features is features:
+            return self._observed
+        return Seen(features, None)
 
     def freeze(self) -> None:
         """Nothing is learned from here on."""
@@ -149,12 +146,11 @@ class Learner:
 
     def state(self) -> LearnerState:
         """All that was learned; a dictionary half learned is not part of it."""
-        arrays = {f"regressor.{name}": values for name, values in self._regressor.state().items()}
-        if self.dictionary is not None:
-            textons = self.dictionary._asdict()
-            arrays |= {f"textons.{name}": values for name, values in textons.items()}
-        if self._trained:
-            arrays["range_px"] = self._range_px.copy()
+        arrays = whole(
+            estimator=self._estimator.state(),
+            novelty=self._novelty.state(),
+            textons=self.dictionary._asdict() if self.dictionary is not None else {},
+        )
         return LearnerState(arrays, _meaning_of_samples(self.settings))
 
     def restore(self, state: LearnerState) -> Self:
@@ -168,34 +164,41 @@ class Learner:
         dictionary = dictionary_of(state)
         if dictionary is not None:
             self._extractor.adopt(dictionary)
-        prefix = "regressor."
-        samples = {
-            name.removeprefix(prefix): values
-            for name, values in state.arrays.items()
-            if name.startswith(prefix)
-        }
-        self._regressor.restore(samples)
-        self._trained = bool(samples)
-        if samples:
-            self._range_px = np.array(state.arrays["range_px"], dtype=np.float64)
+        self._estimator.restore(part(state.arrays, "estimator"))
+        self._novelty = Novelty.restored(part(state.arrays, "novelty"))
         self._recent.clear()
         return self
 
 
 def _extractor(settings: LearnerSettings, rng: np.random.Generator) -> Extractor:
-    if settings.design.features == "gradients":
-        return GradientFeatures()
-    return TextonFeatures(settings.textons, settings.entropy_scale, rng)
+    kind = settings.design.features
+    if kind in OF_VIEWS:
+        return ViewFeatures(kind)
+    of_textons = EntropyFeatures if kind == "entropy" else TextonFeatures
+    return of_textons(settings.textons, settings.entropy_scale, rng)
+
+
+def _estimator(
+    settings: LearnerSettings, extractor: Extractor, rng: np.random.Generator
+) -> Estimator:
+    if settings.output == "map":
+        return MapEstimator(settings, extractor, rng)
+    return ScalarEstimator(settings, rng)
 
 
 def dictionary_of(state: LearnerState) -> TextonDictionary | None:
-    """The textons in a learner's state, if it has any."""
+    """The textons in a learner's state, if it has any. Raises PlanError for what are none."""
     if "textons.intensity" not in state.arrays:
         return None
-    return TextonDictionary(
-        np.asarray(state.arrays["textons.intensity"], dtype=np.float32),
-        np.asarray(state.arrays["textons.gradient"], dtype=np.float32),
-    )
+    try:
+        found = [state.arrays[f"textons.{kind}"] for kind in TextonDictionary._fields]
+        with np.errstate(all="ignore"):  # judged below
+            textons = TextonDictionary(*(np.asarray(part, dtype=np.float32) for part in found))
+    except (KeyError, TypeError, ValueError) as error:
+        raise PlanError(f"saved model: its textons are not readable: {error}") from error
+    if any(part.ndim != 2 or not (np.abs(part) <= MOST_GREY).all() for part in textons):
+        raise PlanError("saved model: its textons are no patches of an image")
+    return textons
 
 
 def _meaning_of_samples(settings: LearnerSettings) -> dict[str, str | int | float]:
@@ -205,10 +208,11 @@ def _meaning_of_samples(settings: LearnerSettings) -> dict[str, str | int | floa
         "learner.features": design.features,
         "learner.regressor": design.regressor,
         "learner.target": design.target,
+        "learner.output": settings.output,
         "learner.eye": settings.eye,
         "learner.label": settings.label,
     }
-    if design.features == "gradients":
+    if design.features in OF_VIEWS:
         return common
     return common | {
         "learner.entropy_scale": settings.entropy_scale,

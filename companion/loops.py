@@ -121,6 +121,8 @@ class Authority:
 def _write(log: FlightLogWriter, frame: StereoFrame, telemetry: Telemetry, step: Step) -> None:
     log.write_frame(frame)
     log.write(Topic.PERCEPT, step.percept)
+    if step.mono_map is not None:
+        log.write(Topic.MAP, step.mono_map)
     log.write(Topic.DECISION, step.decision)
     log.write(Topic.SETPOINT, step.verdict.setpoint)
     log.write(Topic.TELEMETRY, telemetry, log_time_ns=frame.stamp_ns)

@@ -6,8 +6,18 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.behaviour import Behaviour
+from companion.cells import CellMap, freer_side
 from companion.kernel.calibration import StereoCalibration
-from companion.kernel.messages import Decision, Goal, Percept, Phase, StereoFrame, Telemetry
+from companion.kernel.messages import (
+    Cue,
+    Decision,
+    Goal,
+    MonoMap,
+    Percept,
+    Phase,
+    StereoFrame,
+    Telemetry,
+)
 from companion.learner import Learner
 from companion.performance import threshold_for_tpr_px
 from companion.pilot import fly_to
@@ -28,6 +38,8 @@ class Step(NamedTuple):
     percept: Percept
     decision: Decision
     verdict: Verdict
+    mono_map: MonoMap | None = None
+    """Where the learner makes maps, and has learned to."""
 
 
 class Pipeline:
@@ -55,16 +67,18 @@ class Pipeline:
     def step(self, frame: StereoFrame, telemetry: Telemetry) -> Step:
         """One frame on. Raises CameraError for a frame of the wrong size."""
         self._enter_phase_at(frame.stamp_ns)
-        percept = self._perceive_and_learn(frame)
+        percept, mono_map_px = self._perceive_and_learn(frame)
         choice = self.switch.choose(
             percept, self.phase, self.thresholds, self.behaviour.looks_ahead
         )
-        goal = self.behaviour.step(frame.stamp_ns, choice.blocked, telemetry.yaw_rad)
+        freer_sign = self._freer_sign(choice.cue, mono_map_px)
+        goal = self.behaviour.step(frame.stamp_ns, choice.blocked, telemetry.yaw_rad, freer_sign)
         account = self.scorecard.record(
             percept, self.phase, choice, self.behaviour.state, self.thresholds.mono_px
         )
         decision = self._decision(frame.stamp_ns, choice, account)
-        return Step(percept, decision, self._command(frame.stamp_ns, goal, telemetry))
+        verdict = self._command(frame.stamp_ns, goal, telemetry)
+        return Step(percept, decision, verdict, _map_message(frame.stamp_ns, mono_map_px))
 
     def _enter_phase_at(self, stamp_ns: int) -> None:
         if self._began_ns is None:
@@ -77,7 +91,7 @@ class Pipeline:
                 self.learner.freeze()
             self.phase = phase
 
-    def _perceive_and_learn(self, frame: StereoFrame) -> Percept:
+    def _perceive_and_learn(self, frame: StereoFrame) -> tuple[Percept, CellMap | None]:
         """Predicts first, then learns from the frame: estimates stay prequential."""
         stereo = self.matcher.match(frame.left, frame.right)
         features = self.learner.observe(self.learner.image_of(frame))
@@ -85,13 +99,22 @@ class Pipeline:
         self.samples_learned += self.learner.learn(
             features, stereo.disparity_px, self.matcher.last_map
         )
-        return Percept(
+        percept = Percept(
             stamp_ns=frame.stamp_ns,
             stereo_px=stereo.disparity_px,
             stereo_valid_norm=stereo.valid_norm,
             mono_px=mono.mono_px,
             mono_std_px=mono.std_px,
+            mono_novelty=mono.novelty,
         )
+        return percept, mono.map_px
+
+    def _freer_sign(self, cue: Cue, mono_map_px: CellMap | None) -> int:
+        """The side that is freer in the eyes of the cue that flies; 0 where nobody asks."""
+        if self.plan.behaviour.turn_to == "random":
+            return 0
+        map_px = self.matcher.last_map() if cue is Cue.STEREO else mono_map_px
+        return 0 if map_px is None else freer_side(map_px)
 
     def _command(self, stamp_ns: int, goal: Goal, telemetry: Telemetry) -> Verdict:
         behaviour = self.plan.behaviour
@@ -151,6 +174,13 @@ class Pipeline:
         approach = approach_of(self.plan, self.matcher.calibration)
         samples = self.scorecard.approach_samples(PHASES_OF_LEARNING)
         return choose_threshold_px(samples, approach, wishes, self._risk_rng)
+
+
+def _map_message(stamp_ns: int, map_px: CellMap | None) -> MonoMap | None:
+    if map_px is None:
+        return None
+    cells_px = tuple(map_px.reshape(-1).tolist())
+    return MonoMap(stamp_ns=stamp_ns, columns=map_px.shape[1], disparity_px=cells_px)
 
 
 def approach_of(plan: Plan, calibration: StereoCalibration) -> Approach:

@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Sequence
+from os.path import isfile
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -67,7 +68,7 @@ def room_path(plan: Plan, plan_path: Path) -> Path:
         raise PlanError(f"{plan_path}: room: missing; a simulated flight needs a room file")
     name = plan.room if plan.room.endswith(".toml") else f"rooms/{plan.room}.toml"
     path = plan_path.parent / name
-    if not path.is_file():
+    if not isfile(path):  # also False for a name that no file system takes
         known = sorted(file.stem for file in (plan_path.parent / "rooms").glob("*.toml"))
         raise PlanError(
             f"{plan_path}: room: {path} does not exist; rooms here: {', '.join(known) or 'none'}"
@@ -91,7 +92,7 @@ def _toml_value(text: str) -> Any:  # noqa: ANN401 - whatever TOML can hold
     """The text as a TOML value; a bare word is a string."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         return text
 
 
@@ -112,6 +113,11 @@ def _check_together(plan: Plan, source: str) -> None:
         raise PlanError(
             f"{source}: behaviour.height_m: {behaviour.height_m} exceeds "
             f"safety.geofence_height_m {plan.safety.geofence_height_m}"
+        )
+    if behaviour.turn_to == "freer" and plan.learner.output != "map":
+        raise PlanError(
+            f'{source}: behaviour.turn_to: "freer" needs learner.output = "map": one eye must '
+            "know a side from the other"
         )
     safety = plan.safety
     if not safety.stop_after_s < safety.hold_after_s < safety.land_after_s:

@@ -28,6 +28,9 @@ class Sample(NamedTuple):
 
     view: Floats32
     disparity_px: float
+    map_px: Floats32
+    """The disparities measured in the part that it shows; ``zoom`` times them are the view's."""
+    zoom: float
 
 
 def views_of(
@@ -38,7 +41,8 @@ def views_of(
     image, map_px: (height, width); the map is NaN where unmatched. Labels beyond what a view
     shows are never made up: a part with too few matches is left out.
     """
-    mirrored = Sample(np.ascontiguousarray(gradients.shrink(image)[:, ::-1]), disparity_px)
+    view = np.ascontiguousarray(gradients.shrink(image)[:, ::-1])
+    mirrored = Sample(view, disparity_px, map_px[:, ::-1], 1.0)
     nearer = (_enlarged(image, map_px, rng) for _ in range(n_views - 1))
     return [mirrored, *(sample for sample in nearer if sample is not None)]
 
@@ -50,11 +54,13 @@ def _enlarged(image: Grey, map_px: Floats32, rng: np.random.Generator) -> Sample
     top = rng.integers(0, height - crop_height + 1)
     left = rng.integers(0, width - crop_width + 1)
     part = np.s_[top : top + crop_height, left : left + crop_width]
-    known_px = map_px[part][np.isfinite(map_px[part])]
+    part_px = map_px[part]
+    known_px = part_px[np.isfinite(part_px)]
     if known_px.size < LEAST_VALID_NORM * crop_height * crop_width:
         return None
     view = gradients.shrink(image[part])
     if rng.random() < 0.5:
-        view = view[:, ::-1]
+        view, part_px = view[:, ::-1], part_px[:, ::-1]
     noise = rng.standard_normal(view.shape, dtype=np.float32) * np.float32(NOISE_LSB)
-    return Sample(view + noise, float(known_px.mean()) * width / crop_width)
+    zoom = width / crop_width
+    return Sample(view + noise, float(known_px.mean()) * zoom, part_px, zoom)

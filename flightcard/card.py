@@ -52,6 +52,7 @@ class FlightCard:
         self._runner = runner
         self._frames = cast(AsyncGenerator[StereoFrame, None], machine.rig.camera.frames())
         self._telemetry = machine.rig.vehicle.telemetry()
+        self._frame_stamp_ns = 0
         self._run(machine.inject(order.faults))
 
     # -- what is known -------------------------------------------------------------------------
@@ -63,7 +64,11 @@ class FlightCard:
 
     @property
     def time_s(self) -> float:
-        return self.telemetry.stamp_ns * 1e-9
+        """The vehicle's clock; when its link is silent, the newest frame's stamp."""
+        try:
+            return self.telemetry.stamp_ns * 1e-9
+        except LinkError:
+            return self._frame_stamp_ns * 1e-9
 
     @property
     def path(self) -> list[MocapPose]:
@@ -212,6 +217,7 @@ class FlightCard:
     async def _tick(self) -> StereoFrame:
         """To the next frame."""
         frame = await anext(self._frames)
+        self._frame_stamp_ns = frame.stamp_ns
         self._note()
         return frame
 

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from os.path import isfile
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -126,7 +127,7 @@ class Airframe:
 
     def _load(self, name: str) -> None:
         folder = AIRCRAFT_DIR / name
-        if not (folder / f"{name}.xml").is_file():
+        if not isfile(folder / f"{name}.xml"):
             known = ", ".join(sorted(path.name for path in AIRCRAFT_DIR.iterdir() if path.is_dir()))
             raise PlanError(f"airframe {name!r}: no such aircraft; available: {known}")
         for set_path in (

@@ -94,12 +94,15 @@ class Simulation:
 
         Raises CameraError when the camera is off.
         """
-        done = round(self.world.time_s * self.world.physics_hz)
-        for _ in range(self._steps - done % self._steps):
-            self.world.step()
+        self.world.advance_to(self.next_exposure_s)
         if not self.camera.works:
             raise CameraError("the stereo camera is off")
         return self.camera.expose()
+
+    @property
+    def next_exposure_s(self) -> float:
+        done = round(self.world.time_s * self.world.physics_hz)
+        return (done + self._steps - done % self._steps) / self.world.physics_hz
 
 
 def build(

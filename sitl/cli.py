@@ -16,9 +16,11 @@ import typer
 from companion.kernel.clock import unix_s
 from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, CompanionError
 from sitl.build import build, build_follower
+from sitl.conditions import CLEAR, LinkConditions, link_rng
 from sitl.console import VERBS, Console, ask, refused
 from sitl.mavlink.camera import CameraDescription
-from sitl.mavlink.links import Link, open_link
+from sitl.mavlink.link_url import parse_link
+from sitl.mavlink.links import Link, impair, open_link
 from sitl.mavlink.parameter_file import ParameterFile
 from sitl.mavlink.poses import PoseListener
 from sitl.mavlink.server import MavlinkServer
@@ -58,7 +60,8 @@ def run(
             metavar="URL",
             help="udpout://HOST:PORT[?local_port=PORT] speaks first; udpin://[HOST]:PORT and "
             "tcpin://[HOST]:PORT wait for clients, of this machine alone without a HOST; "
-            "serial:///dev/DEVICE[:BAUD]; each with ?profile=gcs for a ground station's rates. "
+            "serial:///dev/DEVICE[:BAUD]; each with ?profile=gcs for a ground station's rates, UDP "
+            "with loss_norm, latency_s, jitter_s, duplicate_norm for a bad link. "
             f"Several after one option, or many times. [default: {DEFAULT_MAVLINK}]",
         ),
     ] = None,
@@ -123,9 +126,12 @@ def run(
     with ExitStack() as open_things:
         keyring = Keyring(read_key(signing_key), unix_s) if signing_key else None
         saved = ParameterFile(parameters) if parameters else None
-        links = [_closed_by(open_things, open_link(url)) for url in mavlink or [DEFAULT_MAVLINK]]
+        urls = mavlink or [DEFAULT_MAVLINK]
+        links = [_closed_by(open_things, open_link(url)) for url in urls]
         table = read_settings(settings, home, param or (), fault or ())
         simulation = build(room, table, seed, camera_rate)
+        world = simulation.world
+        impair(links, _conditions(urls, world.link, seed), lambda: world.time_s)
         calibration = simulation.camera.calibration
         frames = CameraServer(camera, calibration)
         open_things.callback(frames.close)
@@ -230,6 +236,14 @@ def _stopped_by_signals() -> threading.Event:
 def _closed_by(stack: ExitStack, link: Link) -> Link:
     stack.callback(link.close)
     return link
+
+
+def _conditions(urls: Sequence[str], first: LinkConditions, seed: int) -> list[LinkConditions]:
+    """One for each link, as its URL says; the first is the companion's and has its settings."""
+    wanted = [parse_link(url).conditions for url in urls]
+    first.settings = first.settings if wanted[0] == CLEAR else wanted[0]
+    others = enumerate(wanted[1:], start=1)
+    return [first, *(LinkConditions(state, link_rng(seed, number)) for number, state in others)]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

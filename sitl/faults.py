@@ -3,18 +3,19 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
+import msgspec
 from msgspec import Meta, field
 
 from companion.kernel.errors import PlanError
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
 from sitl.autopilot.parameters import parameter_problem
+from sitl.conditions import Delay, LinkConditions, Norm
 from sitl.failures import SUPPORTED, Kind, Unit
 
 if TYPE_CHECKING:  # whoever asks another process for faults needs no flight dynamics
     from sitl.simulator import World
 
-Norm = Annotated[float, Meta(ge=0.0, le=1.0)]
 UnitName = Literal[
     "magnetometer",
     "barometer",
@@ -28,6 +29,7 @@ UnitName = Literal[
 ]
 KindName = Literal["ok", "off", "stuck", "garbage"]
 _UNITS: Final[Mapping[str, Unit]] = {unit.name.lower(): unit for unit in SUPPORTED}
+_LINK: Final = "link_"
 
 
 class Faults(Settings, frozen=True):
@@ -48,6 +50,11 @@ class Faults(Settings, frozen=True):
     """Units that fail, and how; "ok" mends them."""
     parameters: dict[str, float] = field(default_factory=dict)
     """PX4's, by name."""
+    link_loss_norm: Norm | None = None
+    """These act on the companion's link, in both directions: see ``LinkSettings``."""
+    link_latency_s: Delay | None = None
+    link_jitter_s: Delay | None = None
+    link_duplicate_norm: Norm | None = None
 
 
 class Event(Faults, frozen=True, kw_only=True):
@@ -78,7 +85,18 @@ def inject(world: "World", faults: Faults) -> float:
         autopilot.set_drift(faults.estimator_drift_ned_m_s)
     for unit, kind in faults.failures.items():
         autopilot.failures.inject(_UNITS[unit], Kind[kind.upper()])
+    _impair(world.link, faults)
     return world.time_s
+
+
+def _impair(link: LinkConditions, faults: Faults) -> None:
+    given = msgspec.structs.asdict(faults)
+    changes = {
+        key.removeprefix(_LINK): value
+        for key, value in given.items()
+        if key.startswith(_LINK) and value is not None
+    }
+    link.settings = msgspec.structs.replace(link.settings, **changes)
 
 
 def check(faults: Faults) -> None:

@@ -38,7 +38,7 @@ def event(text: str) -> dict[str, Any]:
     """A fault as JSON; what acts from the start needs no time. Raises PlanError."""
     try:
         return {"at_s": 0.0, **msgspec.json.decode(text, type=dict[str, Any])}
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise PlanError(f"--fault {text}: {error}") from error
 
 
@@ -80,7 +80,7 @@ def _read_table(path: Path) -> dict[str, Any]:
         table = json.loads(path.read_bytes())
     except OSError as error:
         raise PlanError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise PlanError(f"{path}: not valid JSON: {error}") from error
     if not isinstance(table, dict):
         raise PlanError(f"{path}: must hold a table, not {type(table).__name__}")

@@ -63,5 +63,5 @@ def injected(world: "World", line: bytes) -> InjectedLine | RefusedLine:
     """Does what one line of faults asks for."""
     try:
         return InjectedLine(inject(world, msgspec.json.decode(line, type=Faults)))
-    except (msgspec.MsgspecError, PlanError) as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, PlanError) as error:
         return RefusedLine(str(error))

@@ -12,6 +12,7 @@ from companion.kernel.frames import Vector3, quaternion_from_euler
 from companion.kernel.messages import LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
+from sitl.conditions import LinkConditions, link_rng
 from sitl.environment.surroundings import Surroundings
 from sitl.faults import check, inject, set_parameters
 from sitl.hull import (
@@ -84,6 +85,8 @@ class World:
             np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(GUST_STREAM,))),
         )
         self._events = deque(sorted(settings.events, key=lambda event: event.at_s))
+        self.link = LinkConditions(settings.link, link_rng(seed))
+        """Of the companion's link, whatever carries it."""
         self.mocap: deque[MocapPose] = deque(maxlen=_MOCAP_KEPT)
         self._walls, self._floor = ContactCounter(), ContactCounter()
         self._pushed = self._near = False

@@ -25,6 +25,7 @@ class Topic(StrEnum):
 
     TELEMETRY = "/telemetry"
     PERCEPT = "/percept"
+    MAP = "/map"
     DECISION = "/decision"
     SETPOINT = "/setpoint"
     MOCAP = "/mocap"

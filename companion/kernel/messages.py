@@ -109,6 +109,18 @@ class Percept(msgspec.Struct, frozen=True, kw_only=True):
     """Share of pixels with a match: the quality of ``stereo_px``."""
     mono_px: float
     mono_std_px: float
+    mono_novelty: float = NAN
+    """How unlike all that was learned from the frame is: below 1 for 99 % of the frames of the
+    place that was learned, well above 1 elsewhere, or where one eye is covered."""
+
+
+class MonoMap(msgspec.Struct, frozen=True, kw_only=True):
+    """λ as one eye sees it in each cell of the image, NaN while unknown; row by row from the top
+    left, ``columns`` to a row."""
+
+    stamp_ns: int
+    columns: int
+    disparity_px: tuple[float, ...]
 
 
 class Goal(msgspec.Struct, frozen=True, kw_only=True):

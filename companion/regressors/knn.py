@@ -1,8 +1,4 @@
-"""k nearest neighbours: exact, and a new sample costs the same however many there are.
-
-Samples lie in tiles of shape (n_features, TILE), so that the distance loop runs across samples
-in the processor's vector registers and needs no index to be rebuilt.
-"""
+"""k nearest neighbours: exact, and a new sample costs about the same however many there are."""
 
 from typing import Literal, NamedTuple, Self, overload
 
@@ -12,17 +8,14 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from companion.kernel.fastmath import FASTMATH
 from companion.regressors.base import Arrays, Floats
-
-TILE = 128
-"""Samples per tile: one tile of 21 features is 10 kB, a third of a first-level cache."""
+from companion.regressors.neighbours import Neighbours
 
 
 class KNNModel(NamedTuple):
-    """A trained model; ``tiles`` (n_tiles, n_features, TILE), ``targets`` (n_tiles * TILE,)."""
+    """A trained model; ``targets`` (>= n_samples,) by the samples' slots."""
 
-    tiles: NDArray[np.float32]
+    neighbours: Neighbours
     targets: Floats
     n_samples: int
     k: int
@@ -33,10 +26,10 @@ class KNNModel(NamedTuple):
     def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Floats, Floats]: ...
     def predict(self, X: ArrayLike, return_std: bool = False) -> Floats | tuple[Floats, Floats]:
         """Mean of the k nearest targets, and their standard deviation (NaN for one neighbour)."""
-        # The kernel is compiled for writable arrays; what is read-only already gets copied.
+        # The kernels are compiled for writable arrays; what is read-only already gets copied.
         queries = np.require(X, np.float32, ("C", "W"))
-        tiles, targets = np.require(self.tiles, None, "W"), np.require(self.targets, None, "W")
-        mean, std = _query(tiles, targets, self.n_samples, self.k, queries)
+        index = self.neighbours.nearest(queries, min(self.k, self.n_samples))
+        mean, std = _spread(np.require(self.targets, None, "W"), index)
         return (mean, std) if return_std else mean
 
 
@@ -57,7 +50,7 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
 
     def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Adds samples; beyond ``capacity`` each replaces the oldest."""
-        first = not hasattr(self, "tiles_")
+        first = not hasattr(self, "neighbours_")
         X, y = self._validated(X, y, reset=first)
         if first:
             self._start(X.shape[1])
@@ -69,32 +62,26 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
     def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Floats, Floats]: ...
     def predict(self, X: ArrayLike, return_std: bool = False) -> Floats | tuple[Floats, Floats]:
         """See KNNModel.predict. Raises NotFittedError before the first sample."""
-        if not hasattr(self, "tiles_"):
+        if not hasattr(self, "neighbours_"):
             check_is_fitted(self)
         if not self._is_plain(X):
             X = validate_data(self, X, dtype=np.float32, order="C", reset=False)
-        model = KNNModel(self.tiles_, self.targets_, self.n_samples_, self.n_neighbors)
+        model = KNNModel(self.neighbours_, self.targets_, self.n_samples_, self.n_neighbors)
         return model.predict(X, return_std=True) if return_std else model.predict(X)
 
     def snapshot(self) -> KNNModel:
         """The model as it is now, as a copy."""
         check_is_fitted(self)
-        used = -(-self.n_samples_ // TILE)
-        return KNNModel(
-            tiles=self.tiles_[:used].copy(),
-            targets=self.targets_[: used * TILE].copy(),
-            n_samples=self.n_samples_,
-            k=self.n_neighbors,
-        )
+        targets = self.targets_[: self.n_samples_].copy()
+        return KNNModel(self.neighbours_.copy(), targets, self.n_samples_, self.n_neighbors)
 
     def state(self) -> Arrays:
         """Samples oldest first: ``X`` (n_samples, n_features), ``y`` (n_samples,)."""
-        if not hasattr(self, "tiles_"):
+        if not hasattr(self, "neighbours_"):
             return {}
-        rows = self.tiles_.transpose(0, 2, 1).reshape(-1, self.n_features_in_)
         oldest = self.n_seen_ % self.n_samples_ if self.n_seen_ > self.n_samples_ else 0
         order = np.roll(np.arange(self.n_samples_), -oldest)
-        return {"X": rows[order], "y": self.targets_[order]}
+        return {"X": self.neighbours_.rows(self.n_samples_)[order], "y": self.targets_[order]}
 
     def restore(self, state: Arrays) -> Self:
         """Learns the samples of ``state`` afresh."""
@@ -108,7 +95,7 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         samples, targets = validate_data(
             self, X, y, dtype=np.float32, order="C", y_numeric=True, reset=reset
         )
-        return samples, np.ascontiguousarray(targets, dtype=np.float64)
+        return np.require(samples, None, "W"), np.ascontiguousarray(targets, dtype=np.float64)
 
     def _is_plain(self, X: ArrayLike) -> bool:
         """True for what flies: scikit-learn's own check would cost more than the search."""
@@ -132,7 +119,7 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         )
 
     def _start(self, n_features: int) -> Self:
-        self.tiles_ = np.zeros((0, n_features, TILE), dtype=np.float32)
+        self.neighbours_ = Neighbours(n_features)
         self.targets_ = np.zeros(0)
         self.n_samples_ = 0
         self.n_seen_ = 0
@@ -143,83 +130,35 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
             # What would be overwritten at once need not be written; slots stay those of n_seen_.
             self.n_seen_ += len(y) - self.capacity
             X, y = X[-self.capacity :], y[-self.capacity :]
-        self._grow(min(self.n_samples_ + len(y), self.capacity))
+        self.n_samples_ = min(self.n_samples_ + len(y), self.capacity)
+        self._grow(self.n_samples_)
         slots = (self.n_seen_ + np.arange(len(y))) % self.capacity
-        self.tiles_[slots // TILE, :, slots % TILE] = X
+        self.neighbours_.put(X, slots)
         self.targets_[slots] = y
         self.n_seen_ += len(y)
-        self.n_samples_ = min(self.n_samples_ + len(y), self.capacity)
         return self
 
     def _grow(self, n_samples: int) -> None:
         """Room for ``n_samples``, at least doubling, so that growth is O(1) per sample."""
-        n_tiles = -(-n_samples // TILE)
-        missing = n_tiles - len(self.tiles_)
-        if missing <= 0:
-            return
-        n_limit = -(-self.capacity // TILE)
-        extra = min(max(missing, len(self.tiles_)), n_limit - len(self.tiles_))
-        room = np.zeros((extra, *self.tiles_.shape[1:]), dtype=np.float32)
-        self.tiles_ = np.concatenate([self.tiles_, room])
-        self.targets_ = np.concatenate([self.targets_, np.zeros(extra * TILE)])
+        missing = n_samples - len(self.targets_)
+        if missing > 0:
+            self.targets_ = np.pad(self.targets_, (0, max(missing, len(self.targets_))))
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH)
-def _distances(tile, query, distance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
-    """Squared distance of every sample in the tile."""
-    distance[:] = 0.0
-    for feature in range(len(query)):
-        value = query[feature]
-        for sample in range(TILE):
-            difference = tile[feature, sample] - value
-            distance[sample] += difference * difference
-
-
-@njit(cache=True, nogil=True)
-def _keep_nearest(distance, n_valid, tile, nearest, index):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
-    """Insertion into the sorted list of the nearest; of equals, the lower slot stays."""
-    last = len(nearest) - 1
-    for sample in range(n_valid):
-        candidate = distance[sample]
-        if candidate < nearest[last]:
-            place = last
-            while place > 0 and nearest[place - 1] > candidate:
-                nearest[place] = nearest[place - 1]
-                index[place] = index[place - 1]
-                place -= 1
-            nearest[place] = candidate
-            index[place] = tile * TILE + sample
-
-
-@njit(cache=True, nogil=True)
+# The signature is given so that it is compiled, or read from the cache, before take-off.
+@njit("Tuple((f8[::1], f8[::1]))(f8[::1], i8[:,::1])", cache=True, nogil=True)
 def _spread(targets, index):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
-    total = 0.0
-    for neighbour in index:
-        total += targets[neighbour]
-    mean = total / len(index)
-    scatter = 0.0
-    for neighbour in index:
-        scatter += (targets[neighbour] - mean) ** 2
-    std = np.sqrt(scatter / (len(index) - 1)) if len(index) > 1 else np.nan
-    return mean, std
-
-
-# Signatures are given so that kernels are compiled, or read from the cache, before take-off.
-@njit("Tuple((f8[::1], f8[::1]))(f4[:,:,::1], f8[::1], i8, i8, f4[:,::1])", cache=True, nogil=True)
-def _query(tiles, targets, n_samples, k, queries):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
-    """Mean and sample standard deviation of the k nearest targets for each row of queries."""
-    n_queries = len(queries)
-    k = min(k, n_samples)
-    mean = np.empty(n_queries)
-    std = np.empty(n_queries)
-    distance = np.empty(TILE, dtype=np.float32)
-    nearest = np.empty(k, dtype=np.float32)
-    index = np.empty(k, dtype=np.int64)
+    """Mean and sample standard deviation of each row's targets."""
+    n_queries, k = index.shape
+    mean, std = np.empty(n_queries), np.full(n_queries, np.nan)
     for row in range(n_queries):
-        nearest[:] = np.inf
-        index[:] = 0
-        for tile in range((n_samples + TILE - 1) // TILE):
-            _distances(tiles[tile], queries[row], distance)
-            _keep_nearest(distance, min(TILE, n_samples - tile * TILE), tile, nearest, index)
-        mean[row], std[row] = _spread(targets, index)
+        total = 0.0
+        for neighbour in index[row]:
+            total += targets[neighbour]
+        mean[row] = total / k
+        scatter = 0.0
+        for neighbour in index[row]:
+            scatter += (targets[neighbour] - mean[row]) ** 2
+        if k > 1:
+            std[row] = np.sqrt(scatter / (k - 1))
     return mean, std

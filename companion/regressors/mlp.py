@@ -169,7 +169,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
             # A generator per step: a restored model goes on as the original would.
             rng = np.random.default_rng([self.random_state, self.network_.n_steps])
             draws = rng.random(self.n_networks * self.batch)
-            chosen = _draw_evenly(self.targets_[:n_kept], draws)
+            chosen = draw_evenly(self.targets_[:n_kept], draws)
             inputs = self.inputs_.apply(self.samples_[chosen].astype(np.float32))
             wanted = self.outputs_.apply(self.targets_[chosen, np.newaxis])[:, 0]
             shape = (self.n_networks, self.batch)
@@ -178,7 +178,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
 
 
 @njit("i8[::1](f8[::1], f8[::1])", cache=True, nogil=True)
-def _draw_evenly(targets, draws):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+def draw_evenly(targets, draws):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - numba finds the types
     """Rows for ``draws`` in [0, 1): a row weighs the inverse root of how many are like it."""
     least, most = targets.min(), targets.max()
     per_px = (BINS - 1e-6) / max(most - least, 1e-9)

@@ -90,6 +90,21 @@ def test_new_headings_cover_the_circle_evenly():
     assert quarters.min() > 70
 
 
+@pytest.mark.parametrize("freer_sign", [1, -1])
+def test_asked_to_it_turns_to_the_freer_side_as_far_as_it_would_have(freer_sign):
+    for seed in range(30):
+        goals = [
+            make(seed, turn_to=side).step(0, True, 0.0, freer_sign) for side in ("freer", "random")
+        ]
+        assert goals[0].turn_sign == freer_sign
+        assert abs(goals[0].heading_rad) == pytest.approx(abs(goals[1].heading_rad))
+
+
+def test_where_no_side_is_known_to_be_freer_it_turns_to_either():
+    signs = {make(seed, turn_to="freer").step(0, True, 0.0).turn_sign for seed in range(20)}
+    assert signs == {1, -1}
+
+
 @given(
     blocked=st.lists(st.sampled_from([True, False, None]), min_size=1, max_size=60),
     yaw_rad=st.floats(-math.pi, math.pi),

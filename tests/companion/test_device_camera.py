@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from companion.camera.calibration_file import load_calibration
 from companion.camera.device import DeviceStereoCamera, Stamps, VideoStereoCamera
 from companion.camera.logged import LoggedRecording
 from companion.camera.replay import ReplayCamera
@@ -16,7 +17,6 @@ from companion.camera.spec import (
     RemoteSpec,
     SimulatedSpec,
     VideoSpec,
-    load_calibration,
     open_camera,
     parse_camera,
 )

@@ -57,6 +57,27 @@ def test_beyond_its_capacity_it_knows_the_newest_samples_only(samples, step):
     assert_allclose(ring.predict(X[:100]), newest.predict(X[:100]))
 
 
+@pytest.mark.parametrize("capacity", [200, 3000])
+def test_crowds_among_many_samples_lose_no_neighbour(capacity):
+    """Tiles are halved, refilled and skipped; distances are the same with or without them."""
+    rng = np.random.default_rng(6)
+    centres = rng.random((12, 5), dtype=np.float32)
+    X = np.repeat(centres, 300, axis=0) + rng.normal(0.0, 0.02, (3600, 5)).astype(np.float32)
+    X = X[rng.permutation(3600)]
+    y = rng.random(3600)
+    model = KNNRegressor(n_neighbors=7, capacity=capacity)
+    for start in range(0, 3600, 450):
+        model.partial_fit(X[start : start + 450], y[start : start + 450])
+    queries = rng.random((200, 5), dtype=np.float32)
+    expected = KNeighborsRegressor(7, algorithm="brute").fit(X[-capacity:], y[-capacity:])
+    assert_allclose(model.predict(queries), expected.predict(queries), rtol=1e-6)
+
+
+def test_of_samples_equally_near_the_oldest_count():
+    X = np.zeros((300, 3), dtype=np.float32)
+    assert KNNRegressor(n_neighbors=2).fit(X, np.arange(300.0)).predict(X[:1])[0] == 0.5
+
+
 def test_spread_is_the_standard_deviation_of_the_neighbours_targets():
     X = np.array([[0.0], [1.0], [2.0], [50.0]], dtype=np.float32)
     model = KNNRegressor(n_neighbors=3).fit(X, [1.0, 2.0, 6.0, 99.0])

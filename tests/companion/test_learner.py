@@ -49,7 +49,7 @@ def estimates(learner, disparities_px, seed=9):
     rng = np.random.default_rng(seed)
     learner.break_sequence()
     views = [view(disparity_px, rng) for disparity_px in disparities_px]
-    return np.array([learner.predict(learner.observe(image)) for image in views])
+    return np.array([learner.predict(learner.observe(image))[:2] for image in views])
 
 
 def test_it_learns_a_planted_relation(learned):
@@ -82,8 +82,9 @@ def test_a_dictionary_of_another_size_is_refused(learned):
 def test_before_the_first_sample_the_estimate_is_unknown(learned):
     learner = Learner(settings(), np.random.default_rng(0), learned.dictionary)
     features = learner.observe(view(4.0, np.random.default_rng(1)))
-    assert all(math.isnan(value) for value in learner.predict(features))
-    assert all(math.isnan(value) for value in learner.predict(None))
+    for unknown in (learner.predict(features), learner.predict(None)):
+        assert all(math.isnan(value) for value in unknown[:3])
+        assert unknown.map_px is None
 
 
 def test_unknown_targets_and_missing_features_teach_nothing(learned):
@@ -245,3 +246,19 @@ def test_a_missing_model_and_an_unwritable_place_are_named(tmp_path, learned):
         load_model(tmp_path / "gone.npz", CALIBRATION)
     with pytest.raises(CompanionError, match="model cannot be written"):
         save_model(tmp_path / "nowhere" / "model.npz", learned.state(), CALIBRATION)
+
+
+def test_the_entropy_alone_is_one_feature_that_falls_as_the_wall_nears(learned):
+    learner = Learner(
+        settings(preset="none", features="entropy", regressor="ridge", smooth_frames=1),
+        np.random.default_rng(0),
+        learned.dictionary,
+    )
+    rng = np.random.default_rng(2)
+    entropies = [learner.observe(view(px, rng)) for px in np.linspace(1.0, 12.0, 60)]
+    assert {entropy.shape for entropy in entropies} == {(1,)}
+    assert np.corrcoef(np.concatenate(entropies), np.arange(60))[0, 1] < -0.8
+    taught(learner, 200)
+    assert (
+        estimates(learner, [11.0] * 10)[:, 0].mean() > estimates(learner, [2.0] * 10)[:, 0].mean()
+    )

@@ -153,3 +153,14 @@ def test_the_risk_seen_so_far_sets_monos_threshold(fly_lockstep):
     assert fixed_px not in flown_px  # stereo flew and met positives first
     assert flown_px[-1] == one.summary.threshold_px
     assert one.bytes_of("flight.mcap") == other.bytes_of("flight.mcap")
+
+
+def test_with_maps_it_turns_to_the_freer_side_and_logs_what_it_saw(fly_lockstep):
+    words = (*TENTHS, "learner.preset=best", "learner.output=map", "behaviour.turn_to=freer")
+    flown = fly_lockstep(*words)
+    assert flown.summary.collisions == 0
+    maps, percepts = flown.log.columns("/map"), flown.log.columns("/percept")
+    assert maps["disparity_px"].shape == (len(maps["stamp_ns"]), 48)
+    known = np.isin(percepts["stamp_ns"], maps["stamp_ns"])
+    assert np.isfinite(percepts["mono_px"][known]).all()
+    assert np.mean(known) > 0.9

@@ -1,0 +1,248 @@
+"""From what was seen to λ: how regressors are taught and asked.
+
+One estimator answers with one figure for the whole image, the other with a map of which the
+figure is the mean. Both learn from stereo's disparity map and forget nothing when it is gone.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion import gradients, regressors
+from companion.cells import CELLS, COLUMNS, ROWS, cell_labels
+from companion.features import OF_VIEWS, Extractor, Features, Grey
+from companion.learner_settings import LearnerSettings, Target
+from companion.regressors import RidgeRegressor
+from companion.views import views_of
+
+Arrays = dict[str, NDArray[np.generic]]
+Floats = NDArray[np.float64]
+MapOf = Callable[[], NDArray[np.float32]]
+"""Gives the disparity map (height, width) of the pair just matched, NaN where unmatched."""
+
+LOG_OFFSET_PX, LOG_FLOOR_PX = 0.5, -0.4
+"""log(λ + offset) is learned, of λ no less than the floor; a poor calibration makes λ negative."""
+MAP_ALPHA, MAP_REFRESH = 50.0, 0.02
+"""Cells of one image are alike, so that many of them count as one; see RidgeRegressor."""
+PLACES: Features = np.concatenate(
+    [np.repeat(np.eye(ROWS), COLUMNS, axis=0), np.tile(np.eye(COLUMNS), (ROWS, 1))], axis=1
+).astype(np.float32)
+"""Row and column of each cell, one value each: (CELLS, ROWS + COLUMNS)."""
+
+
+class Seen(NamedTuple):
+    """Features of an image (height, width), and the image itself where it is at hand."""
+
+    features: Features
+    image: Grey | None
+
+
+class Estimate(NamedTuple):
+    """λ and its standard deviation; ``map_px`` (ROWS, COLUMNS) where there is a map."""
+
+    mono_px: float
+    std_px: float
+    map_px: NDArray[np.float32] | None = None
+
+
+class Estimator(Protocol):
+    """What a learner asks and teaches."""
+
+    @property
+    def trained(self) -> bool:
+        """True once there is an answer."""
+        ...
+
+    def estimate(self, seen: Seen) -> Estimate:
+        """λ of what was seen. It must be trained."""
+        ...
+
+    def learn(self, seen: Seen, disparity_px: float, map_of: MapOf | None) -> bool:
+        """Takes stereo's λ, and its map, as the truth; True if that could be used."""
+        ...
+
+    def state(self) -> Arrays:
+        """All that was learned; empty before that."""
+        ...
+
+    def restore(self, state: Arrays) -> None:
+        """Takes up where ``state`` was taken."""
+        ...
+
+
+class Scale:
+    """λ as regressors learn it, and back: within the range that stereo has reported so far."""
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+        self.range_px = np.array([math.inf, -math.inf])
+
+    def widen(self, disparities_px: Floats) -> None:
+        self.range_px[0] = min(self.range_px[0], disparities_px.min())
+        self.range_px[1] = max(self.range_px[1], disparities_px.max())
+
+    def targets(self, disparities_px: Floats) -> Floats:
+        if self._target == "linear":
+            return disparities_px
+        return np.asarray(np.log(np.maximum(disparities_px, LOG_FLOOR_PX) + LOG_OFFSET_PX))
+
+    def state(self) -> Arrays:
+        return {"range_px": self.range_px.copy()}
+
+    def restore(self, state: Arrays) -> None:
+        if state:
+            self.range_px = np.array(state["range_px"], dtype=np.float64)
+
+    def in_pixels(self, mean: Floats, std: Floats) -> tuple[Floats, Floats]:
+        """A regressor's answers, and their spread, as λ."""
+        least_px, most_px = self.range_px
+        if self._target == "log":
+            mean = np.exp(np.minimum(mean, math.log(most_px + 1.0)))
+            mean, std = mean - LOG_OFFSET_PX, mean * std
+        return np.clip(mean, least_px, most_px), std
+
+
+class ScalarEstimator:
+    """One figure: the regressor's answer to the features of the whole image."""
+
+    def __init__(self, settings: LearnerSettings, rng: np.random.Generator) -> None:
+        self._kind = settings.design.features
+        self._n_views = settings.design.views
+        self._rng = rng
+        parameters = regressors.RegressorSettings(
+            k=settings.k, capacity=settings.capacity, seed=int(rng.integers(2**31))
+        )
+        self._regressor = regressors.make(settings.design.regressor, parameters)
+        self._scale = Scale(settings.design.target)
+        self.trained = False
+
+    def estimate(self, seen: Seen) -> Estimate:
+        answer = self._regressor.predict(seen.features[np.newaxis], return_std=True)
+        mean_px, std_px = self._scale.in_pixels(*answer)
+        return Estimate(float(mean_px[0]), float(std_px[0]))
+
+    def learn(self, seen: Seen, disparity_px: float, map_of: MapOf | None) -> bool:
+        """With image and map, further views of it are learned from too."""
+        samples, disparities_px = [seen.features], [disparity_px]
+        if self._n_views and map_of and seen.image is not None:
+            for view in views_of(seen.image, map_of(), disparity_px, self._n_views, self._rng):
+                samples.append(OF_VIEWS[self._kind](view.view))
+                disparities_px.append(view.disparity_px)
+        targets = self._scale.targets(np.array(disparities_px))
+        self._regressor.partial_fit(np.stack(samples), targets)
+        self._scale.widen(np.array([disparity_px]))
+        self.trained = True
+        return True
+
+    def state(self) -> Arrays:
+        if not self.trained:
+            return {}
+        return whole(regressor=self._regressor.state(), scale=self._scale.state())
+
+    def restore(self, state: Arrays) -> None:
+        self.trained = bool(state)
+        self._regressor.restore(part(state, "regressor"))
+        self._scale.restore(part(state, "scale"))
+
+
+class MapEstimator:
+    """A map: one ridge for all cells, from each cell, what is around it and where it lies.
+
+    The image's λ is the mean of its cells, each counting by how often stereo could measure it.
+    """
+
+    def __init__(
+        self, settings: LearnerSettings, extractor: Extractor, rng: np.random.Generator
+    ) -> None:
+        self._n_views = settings.design.views
+        self._extractor = extractor
+        self._rng = rng
+        self._regressor = RidgeRegressor(alpha=MAP_ALPHA, refresh=MAP_REFRESH)
+        self._scale = Scale(settings.design.target)
+        self._matches = np.zeros((ROWS, COLUMNS))
+        """Sum of each cell's shares of matched pixels."""
+        self.trained = False
+
+    def estimate(self, seen: Seen) -> Estimate:
+        answer = self._regressor.predict(self._described(seen), return_std=True)
+        map_px, std_px = (
+            values.reshape(ROWS, COLUMNS) for values in self._scale.in_pixels(*answer)
+        )
+        weights = self._matches / self._matches.sum()
+        mono_px, mono_std_px = float((weights * map_px).sum()), float((weights * std_px).sum())
+        return Estimate(mono_px, mono_std_px, map_px.astype(np.float32))
+
+    def learn(self, seen: Seen, disparity_px: float, map_of: MapOf | None) -> bool:
+        """Only cells that stereo measured teach; False where it measured none."""
+        if map_of is None:
+            return False
+        map_px = map_of()
+        labels = cell_labels(map_px)
+        rows, targets = [self._described(seen)], [labels.disparity_px.reshape(-1)]
+        if self._n_views and seen.image is not None:
+            for view in views_of(seen.image, map_px, disparity_px, self._n_views, self._rng):
+                rows.append(described(gradients.encode_cells(view.view)))
+                targets.append(cell_labels(view.map_px).disparity_px.reshape(-1) * view.zoom)
+        known_px = np.concatenate(targets).astype(np.float64)
+        known = np.isfinite(known_px)
+        if not known[:CELLS].any():
+            return False
+        self._regressor.partial_fit(
+            np.concatenate(rows)[known], self._scale.targets(known_px[known])
+        )
+        self._matches += labels.valid_norm
+        self._scale.widen(known_px[:CELLS][known[:CELLS]])
+        self.trained = True
+        return True
+
+    def state(self) -> Arrays:
+        if not self.trained:
+            return {}
+        return whole(
+            regressor=self._regressor.state(),
+            scale=self._scale.state(),
+            cells={"matches": self._matches.copy()},
+        )
+
+    def restore(self, state: Arrays) -> None:
+        self.trained = bool(state)
+        self._regressor.restore(part(state, "regressor"))
+        self._scale.restore(part(state, "scale"))
+        if state:
+            self._matches = np.array(state["cells.matches"], dtype=np.float64)
+
+    def _described(self, seen: Seen) -> Features:
+        if seen.image is None:
+            raise ValueError("a map needs the image, not only its features")
+        return described(self._extractor.cells(seen.image))
+
+
+def described(cells: Features) -> Features:
+    """What the ridge sees of each cell: itself, its neighbourhood, the image, and its place.
+
+    cells: (CELLS, n); returns (CELLS, 3 n + ROWS + COLUMNS).
+    """
+    grid = cells.reshape(ROWS, COLUMNS, -1)
+    padded = np.pad(grid, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    down = padded[:-2] + padded[1:-1] + padded[2:]
+    around = (down[:, :-2] + down[:, 1:-1] + down[:, 2:]).reshape(CELLS, -1) / np.float32(9.0)
+    everywhere = np.broadcast_to(cells.mean(axis=0), cells.shape)
+    return np.concatenate([cells, around, everywhere, PLACES], axis=1, dtype=np.float32)
+
+
+def part(state: Arrays, name: str) -> Arrays:
+    """The arrays that ``whole`` put under this name."""
+    prefix = f"{name}."
+    return {
+        key.removeprefix(prefix): values for key, values in state.items() if key.startswith(prefix)
+    }
+
+
+def whole(**parts: Mapping[str, NDArray[np.generic]]) -> Arrays:
+    """The parts' arrays, each under its part's name."""
+    return {
+        f"{name}.{key}": values for name, part_ in parts.items() for key, values in part_.items()
+    }
