@@ -188,7 +188,15 @@ class MavlinkServer:
                 self._assign_log()
             if self._log is not None and link is self.links[0]:
                 self._log.write(self._time_s, received.frame)
+            if received.message.get_msgId() == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
+                self._forward(channel, received.frame)
             self._obey(channel, received.message)
+
+    def _forward(self, sender: Channel, frame: bytes) -> None:
+        """What a component says to everybody reaches the other links too, as with PX4."""
+        for channel in self.channels:
+            if channel is not sender:
+                channel.forward(frame)
 
     def _obey(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
         handler = self._handlers.get(message.get_msgId())
