@@ -12,6 +12,7 @@ from companion.kernel.frames import Vector3, quaternion_from_euler
 from companion.kernel.messages import LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
+from sitl.camera_faults import CameraFaults
 from sitl.conditions import LinkConditions, link_rng
 from sitl.environment.surroundings import Surroundings
 from sitl.faults import check, inject, set_parameters
@@ -29,9 +30,12 @@ from sitl.settings import SitlSettings
 _log = logging.getLogger(__name__)
 
 GUST_STREAM: Final = 4
-"""Key of the gusts' random numbers among those spawned from the seed."""
+"""Keys of random numbers among those spawned from the seed; the autopilot's is 0, others are taken
+by ``sitl.build`` and ``sitl.conditions``."""
+CAMERA_FAULTS_STREAM: Final = 5
 MOCAP_HZ: Final = 100
 _MOCAP_KEPT: Final = 600 * MOCAP_HZ  # poses that wait for a reader; then the oldest go
+
 # Contact is looked for at every step of the physics when the hull is closer to the room than this,
 # or the feet to the floor in a fall.
 _NEAR_M: Final = 0.15
@@ -86,6 +90,9 @@ class World:
             self.autopilot,
             settings,
             np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(GUST_STREAM,))),
+        )
+        self.camera_faults = CameraFaults(
+            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CAMERA_FAULTS_STREAM,)))
         )
         self._events = deque(sorted(settings.events, key=lambda event: event.at_s))
         self.link = LinkConditions(settings.link, link_rng(seed))

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.flight import LOG_NAME
 from companion.flightlog import FlightLog, Topic
 from companion.kernel.errors import PlanError, RecordingError
 from companion.kernel.messages import Decision, Percept, Phase
 from companion.kernel.settings import convert_settings
+from companion.logfolder import LOG_NAME
 from companion.plan import Plan
 from companion.scorecard import Scorecard
 from companion.switch import Choice
@@ -94,6 +94,10 @@ class FlownFlight:
         if mono.any():
             return float(self.decision["threshold_px"][mono][-1])
         return self.plan.learner.fixed_threshold_px(self.plan.behaviour.turn_threshold_px)
+
+    @property
+    def flew_mono_in_test(self) -> bool:
+        return bool((self.in_phase(Phase.TEST) & (self.decision["cue"] == "mono")).any())
 
     @cached_property
     def scorecard(self) -> Scorecard:

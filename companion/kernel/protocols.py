@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol, Self
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.clock import Clock
 from companion.kernel.messages import (
+    Event,
     MocapPose,
     Setpoint,
     SimulationRequest,
@@ -70,6 +71,10 @@ class Vehicle(_Device, Protocol):
 
     async def send(self, setpoint: Setpoint) -> None: ...
 
+    async def say(self, event: Event) -> None:
+        """Tells whoever watches the vehicle (STATUSTEXT). Never raises: nothing depends on it."""
+        ...
+
     async def hold(self) -> None:
         """Stops and hovers in the autopilot's own hold mode."""
         ...
@@ -94,6 +99,8 @@ class Rig(NamedTuple):
     camera: StereoCamera
     clock: Clock
     mocap: MotionCapture | None = None
+    patient: bool = False
+    """The world waits for the companion, so that nothing need be left out for want of time."""
 
 
 class Endpoints(NamedTuple):

@@ -165,7 +165,7 @@ def test_fixed_threshold_is_the_plans_or_a_share_of_stereos():
 def test_a_saved_model_flies_on_as_if_it_had_never_landed(tmp_path, learned):
     save_model(tmp_path / "model.npz", learned.state(), CALIBRATION)
     again = Learner(settings(smooth_frames=1, preset="none"), np.random.default_rng(7))
-    again.restore(load_model(tmp_path / "model.npz", CALIBRATION))
+    again.restore(load_model(tmp_path / "model.npz", CALIBRATION).state)
     truth_px = np.linspace(1, 12, 10)
     np.testing.assert_array_equal(estimates(again, truth_px), estimates(learned, truth_px))
     assert [path.name for path in tmp_path.iterdir()] == ["model.npz"]

@@ -104,7 +104,7 @@ def test_negative_disparity_of_a_poor_calibration_is_learned_from():
 
 def test_saved_and_restored_it_sees_the_same(tmp_path, learned):
     save_model(tmp_path / "model.npz", learned.state(), CALIBRATION)
-    state = load_model(tmp_path / "model.npz", CALIBRATION)
+    state = load_model(tmp_path / "model.npz", CALIBRATION).state
     restored = Learner(best(), np.random.default_rng(5)).restore(state)
     truth_px = [2.0, 5.0, 11.0]
     np.testing.assert_array_equal(estimates(restored, truth_px), estimates(learned, truth_px))
