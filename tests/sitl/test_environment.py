@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.kernel.errors import CameraError, PlanError
+from companion.kernel.errors import PlanError
 from companion.kernel.messages import FlightMode
 from companion.kernel.settings import convert_settings
 from sitl.autopilot.interface import Ack, ManualInput
@@ -291,7 +291,6 @@ def test_a_broken_camera_shows_nothing_the_same_or_noise(tmp_path):
     left = simulation.next_frame().left.astype(float)
     assert abs(np.corrcoef(left[:, 1:].ravel(), left[:, :-1].ravel())[0, 1]) < 0.05
     failures.inject(Unit.CAMERA, Kind.OFF)
-    with pytest.raises(CameraError, match="off"):
-        simulation.next_frame()
+    assert simulation.next_frame() is None
     failures.inject(Unit.CAMERA, Kind.OK)
     assert simulation.next_frame().stamp_ns > stuck.stamp_ns
