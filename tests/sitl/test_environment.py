@@ -265,10 +265,17 @@ def test_a_plan_sets_parameters_and_lets_things_fail_in_time(make_flight):
 @pytest.mark.parametrize(
     ("table", "says"),
     [
-        ({"parameters": {"NO_SUCH": 1.0}}, "parameters.NO_SUCH"),
-        ({"parameters": {"MPC_XY_P": 99.0}}, "parameters.MPC_XY_P: 99: allowed: 0 to 2"),
-        ({"faults": {"failures": {"battery": "stuck"}}}, "allowed: off, ok"),
-        ({"events": [{"at_s": 1e3, "failures": {"sticks": "garbage"}}]}, "failures.sticks"),
+        ({"parameters": {"NO_SUCH": 1.0}}, r"^sitl.parameters.NO_SUCH: "),
+        ({"parameters": {"MPC_XY_P": 99.0}}, r"^sitl.parameters.MPC_XY_P: 99: allowed: 0 to 2"),
+        (
+            {"faults": {"failures": {"battery": "stuck"}}},
+            r"^sitl.faults.failures.battery: .*allowed: off, ok",
+        ),
+        (
+            {"events": [{"at_s": 1e3, "failures": {"sticks": "garbage"}}]},
+            r"^sitl.events\[0\].failures.sticks",
+        ),
+        ({"events": [{"at_s": 9.0, "parameters": {"X": 1.0}}]}, r"^sitl.events\[0\].parameters.X"),
     ],
 )
 def test_impossible_faults_are_refused_before_anything_moves(make_flight, table, says):
