@@ -70,7 +70,7 @@ class Trial:
         self._until(lambda: autopilot.status.mode is FlightMode.HOLD)
         self.world.advance_to(self.world.time_s + 5.0)
         if wind_ned_m_s is not None:
-            self.world.set_wind(wind_ned_m_s)
+            self.world.surroundings.wind_ned_m_s = wind_ned_m_s
 
     def hover(self) -> Series:
         """True distance from where it begins to hold, for HOVER_S, of shape (n,)."""
