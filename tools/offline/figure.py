@@ -32,6 +32,8 @@ MSE = Metric("mse_over_variance", "MSE / variance", (0.0, 1.6))
 """Beyond 1 the mean would have been the better answer; far beyond, it says no more. Deviations
 are not drawn: single sets that hardly vary would fill the figure."""
 AUC = Metric("auc", "AUC", (0.45, 1.01))
+BANDS = 3
+"""With more lines, bands would hide each other."""
 FPR = Metric("fpr", "FPR at TPR 0.96", (0.0, 1.0))
 
 
@@ -81,6 +83,8 @@ def _draw_curves(points: Sequence[Point]) -> Figure:
             for name in names:
                 own = [p for p in points if p.split == split and p.name == name]
                 _draw_line(axes, metric, [p.n_learned for p in own], own, colours[name])
+                if len(names) <= BANDS:
+                    _draw_band(axes, metric, [p.n_learned for p in own], own, colours[name])
             axes.set_xscale("log")
             axes.set_xticks(sizes, [str(size) for size in sizes], minor=False)
             axes.xaxis.set_minor_locator(NullLocator())
@@ -104,6 +108,8 @@ def _draw_dimensions(points: Sequence[Point], question: str) -> Figure:
                 own = [p for p in points if p.dimension == dimension and _line_name(p) == name]
                 places = [labels.index(p.setting) for p in own]
                 _draw_line(axes, metric, places, own, colours[name])
+                if len(names) <= BANDS:
+                    _draw_band(axes, metric, places, own, colours[name])
             axes.set_xticks(range(len(labels)), [_short(label) for label in labels], fontsize=7)
             _finish(axes, metric)
         title = question if dimension == SETTING else _short(dimension)
@@ -154,14 +160,24 @@ def _draw_list(points: Sequence[Point]) -> Figure:
 def _draw_line(
     axes: Axes, metric: Metric, places: Sequence[float], points: Sequence[Point], colour: str
 ) -> None:
-    test = [metric.of(point.test) for point in points]
-    train = [metric.of(point.train).mean for point in points]
-    means, deviations = (np.array([getattr(s, n) for s in test]) for n in ("mean", "std"))
+    test, train = ([metric.of(s).mean for s in side] for side in _sides(points))
     axes.plot(places, train, FIT, color=colour, linewidth=1)
-    axes.plot(places, means, UNSEEN, color=colour, linewidth=1.5, marker="o", markersize=3)
-    if metric is not MSE:
-        low, high = means - deviations, means + deviations
-        axes.fill_between(places, low, high, color=colour, alpha=0.12, linewidth=0)
+    axes.plot(places, test, UNSEEN, color=colour, linewidth=1.5, marker="o", markersize=3)
+
+
+def _draw_band(
+    axes: Axes, metric: Metric, places: Sequence[float], points: Sequence[Point], colour: str
+) -> None:
+    """One deviation of the test set to both sides."""
+    if metric is MSE:
+        return
+    spreads = [metric.of(side) for side in _sides(points)[0]]
+    low, high = ([s.mean + sign * s.std for s in spreads] for sign in (-1.0, 1.0))
+    axes.fill_between(places, low, high, color=colour, alpha=0.12, linewidth=0)
+
+
+def _sides(points: Sequence[Point]) -> tuple[list[Side], list[Side]]:
+    return [point.test for point in points], [point.train for point in points]
 
 
 def _finish(axes: Axes, metric: Metric) -> None:
