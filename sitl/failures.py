@@ -66,6 +66,8 @@ class Failures:
 
     def __init__(self) -> None:
         self._kinds: dict[Unit, Kind] = {}
+        self.none = True
+        """Whether all units work; motors are told apart."""
         self.motor_efficiency_norm: tuple[float, float, float, float] = SOUND
         """Thrust that each rotor still makes, over that of a sound one; in PX4's order."""
 
@@ -77,7 +79,8 @@ class Failures:
 
     def inject(self, unit: int, kind: int, instance: int = 0) -> bool:
         """False, and no change, for what cannot be simulated. Instance 0 means all."""
-        if kind not in SUPPORTED.get(unit, ()) or not 0 <= instance <= MOTORS:  # type: ignore[call-overload]
+        possible = SUPPORTED[Unit(unit)] if unit in SUPPORTED else frozenset()
+        if kind not in possible or not 0 <= instance <= MOTORS:
             return False
         if unit == Unit.MOTOR:
             self._inject_motor(Kind(kind), instance)
@@ -87,6 +90,7 @@ class Failures:
             self._kinds.pop(Unit(unit), None)
         else:
             self._kinds[Unit(unit)] = Kind(kind)
+        self.none = not self._kinds
         return True
 
     def _inject_motor(self, kind: Kind, instance: int) -> None:

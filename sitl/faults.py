@@ -10,6 +10,7 @@ from companion.kernel.errors import PlanError
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
 from sitl.autopilot.parameters import parameter_problem
+from sitl.camera_faults import EyeFault, PairFault
 from sitl.conditions import Delay, LinkConditions, Norm
 from sitl.failures import SUPPORTED, Kind, Unit
 
@@ -55,12 +56,18 @@ class Faults(Settings, frozen=True):
     link_latency_s: Delay | None = None
     link_jitter_s: Delay | None = None
     link_duplicate_norm: Norm | None = None
+    left_eye: EyeFault | None = None
+    """What becomes of its images; ``"none"`` mends it."""
+    right_eye: EyeFault | None = None
+    stereo_pair: PairFault | None = None
+    """What becomes of both together."""
 
 
 class Event(Faults, frozen=True, kw_only=True):
-    """Faults that begin at a time of the world."""
+    """Faults that begin by themselves."""
 
     at_s: Annotated[float, Meta(ge=0.0)]
+    """The world's time, which begins before take-off."""
 
 
 def inject(world: "World", faults: Faults) -> float:
@@ -85,6 +92,10 @@ def inject(world: "World", faults: Faults) -> float:
         autopilot.set_drift(faults.estimator_drift_ned_m_s)
     for unit, kind in faults.failures.items():
         autopilot.failures.inject(_UNITS[unit], Kind[kind.upper()])
+    eyes = world.camera_faults
+    eyes.left_eye = faults.left_eye or eyes.left_eye
+    eyes.right_eye = faults.right_eye or eyes.right_eye
+    eyes.pair = faults.stereo_pair or eyes.pair
     _impair(world.link, faults)
     return world.time_s
 

@@ -12,6 +12,7 @@ from companion.kernel.frames import Vector3, quaternion_from_euler
 from companion.kernel.messages import LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
+from sitl.camera_faults import CameraFaults
 from sitl.conditions import LinkConditions, link_rng
 from sitl.environment.surroundings import Surroundings
 from sitl.faults import check, inject, set_parameters
@@ -23,17 +24,22 @@ from sitl.hull import (
     approach_speed_m_s,
     push_ned_n,
 )
+from sitl.sensors.nature import floor_along_m, surface_along_m
 from sitl.settings import SitlSettings
 
 _log = logging.getLogger(__name__)
 
-GUST_STREAM: Final = 2
-"""Key of the gusts' random numbers among those spawned from the seed."""
+GUST_STREAM: Final = 4
+"""Keys of random numbers among those spawned from the seed; the autopilot's is 0, others are taken
+by ``sitl.build`` and ``sitl.conditions``."""
+CAMERA_FAULTS_STREAM: Final = 5
 MOCAP_HZ: Final = 100
 _MOCAP_KEPT: Final = 600 * MOCAP_HZ  # poses that wait for a reader; then the oldest go
+
 # Contact is looked for at every step of the physics when the hull is closer to the room than this,
 # or the feet to the floor in a fall.
 _NEAR_M: Final = 0.15
+_FAR_M: Final = 1000.0  # what no range finder sees
 _FLOOR: Final[Vector3] = (0.0, 0.0, -1.0)
 _LEVEL: Final = 0.9  # cosine of the steepest top that one can land on
 _FLOOR_CONTACT_M: Final = 0.002  # height of the feet; a loaded foot gives way by as much
@@ -78,11 +84,15 @@ class World:
             settings.battery,
         )
         self.autopilot.sensors.floor_amsl_m = settings.home.amsl_m
+        self.autopilot.sensors.way_m = self._way_m
         self.surroundings = Surroundings(
             self.airframe,
             self.autopilot,
             settings,
             np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(GUST_STREAM,))),
+        )
+        self.camera_faults = CameraFaults(
+            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CAMERA_FAULTS_STREAM,)))
         )
         self._events = deque(sorted(settings.events, key=lambda event: event.at_s))
         self.link = LinkConditions(settings.link, link_rng(seed))
@@ -234,6 +244,13 @@ class World:
                 truth_collisions=self.collisions,
             )
         )
+
+    def _way_m(self, position_ned_m: Vector3, direction_ned: Vector3) -> float:
+        """From a place of the feet along a direction, both in coordinates of home, to a surface."""
+        north_m, east_m, down_m = self._in_room(position_ned_m)
+        feet_m = north_m, east_m, down_m + self.airframe.rest_height_m
+        to_floor_m = min(_FAR_M, floor_along_m(position_ned_m, direction_ned))
+        return surface_along_m(self._surfaces.nearest, feet_m, direction_ned, to_floor_m)
 
     def _clearance(self) -> tuple[float, Vector3]:
         """Distance of the hull from the room, and the direction that leads away from it."""

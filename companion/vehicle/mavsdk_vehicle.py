@@ -15,13 +15,14 @@ import mavsdk.logging
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk, MavsdkConnectionError
 from mavsdk.plugins.action import Action, ActionError
 from mavsdk.plugins.offboard import Offboard, OffboardError, VelocityBodyYawspeed
+from mavsdk.plugins.server_utility import ServerUtility, ServerUtilityError, StatusTextType
 from mavsdk.plugins.telemetry import Telemetry as TelemetryPlugin
 from mavsdk.plugins.telemetry import TelemetryError
 
 from companion.kernel.attempts import attempt
 from companion.kernel.clock import Clock, wall_s
-from companion.kernel.errors import LinkError, VehicleError
-from companion.kernel.messages import FlightMode, LandedState, Setpoint, Telemetry
+from companion.kernel.errors import CompanionError, LinkError, VehicleError
+from companion.kernel.messages import Event, FlightMode, LandedState, Setpoint, Telemetry
 from companion.kernel.settings import Settings
 from companion.vehicle.deadman import Deadman, DeadmanSettings, Stage
 from companion.vehicle.slots import TelemetrySlots
@@ -35,6 +36,8 @@ ASKED_TIMES = 3
 OFFBOARD_TRIES = 3
 """On a bad link the command may overtake the first setpoint, and is refused then."""
 HEIGHT_TOLERANCE_M = 0.3
+TEXT_LENGTH = 50
+"""Characters that a STATUSTEXT holds."""
 ARMED_LAG_S = 2.0
 """`armed` comes with heartbeats at 1 Hz; for this long after arming, a "no" may be old."""
 
@@ -133,6 +136,14 @@ class MavsdkVehicle:
             raise VehicleError(f"setpoints stayed away too long: the deadman is {stage.name}")
         self._put(setpoint)
 
+    async def say(self, event: Event) -> None:
+        kind = StatusTextType.__members__.get(event.severity.upper(), StatusTextType.INFO)
+        text = event.text.encode("ascii", "replace")[:TEXT_LENGTH]
+        try:
+            await _ask("send a text", self._texts.send_status_text, kind, text)
+        except CompanionError as error:
+            logger.warning("%s", error)
+
     async def hold(self) -> None:
         self._check_link()
         await _ask("hold", self._action.hold)
@@ -163,6 +174,7 @@ class MavsdkVehicle:
         self._action = Action(system._system)
         self._offboard = Offboard(system._system)
         self._plugin = TelemetryPlugin(system._system)
+        self._texts = ServerUtility(system._system)
         self._subscribe()
         rate_hz = self._settings.telemetry_rate_hz
         await _ask("set the odometry's rate", self._plugin.set_rate_odometry, rate_hz)
@@ -256,7 +268,7 @@ def _call(
 ) -> None:
     try:
         request(*arguments, **named)
-    except (ActionError, OffboardError, TelemetryError) as error:
+    except (ActionError, OffboardError, ServerUtilityError, TelemetryError) as error:
         if error.result.name in _GONE:
             raise LinkError(f"{what}: no answer from the autopilot ({_reason(error)})") from error
         raise VehicleError(f"{what}: refused by the autopilot ({_reason(error)})") from error

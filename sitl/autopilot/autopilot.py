@@ -101,7 +101,7 @@ class Autopilot:
         """One step of everything; ``truth`` is what the sensors are made from."""
         self.sensors.truth = truth
         estimate = self._estimator.update(truth)
-        if self._estimator.resets != self._resets:
+        if self._estimator.vision.resets != self._resets:
             self._follow_jump(estimate)
         self._vibration.update(estimate)
         self._motors_norm = truth.motors_norm
@@ -117,7 +117,7 @@ class Autopilot:
 
     def _follow_jump(self, estimate: Estimate) -> None:
         """The position jumped to what external vision sees: home and what is held go with it."""
-        self._resets = self._estimator.resets
+        self._resets = self._estimator.vision.resets
         if self._commander.armed:
             self._flight.hold_anew()
         else:
@@ -151,7 +151,7 @@ class Autopilot:
 
     def set_drift(self, drift_ned_m_s: Vector3) -> None:
         """A fault of the estimator: the velocity is wrong by as much from now on."""
-        self._estimator.reckoning.drift_ned_m_s = drift_ned_m_s
+        self._estimator.reckoning.set_drift(drift_ned_m_s)
 
     def announce(self, severity: Severity, text: str) -> None:
         self._commander.announce(severity, text)

@@ -44,6 +44,8 @@ class Estimator:
         self._senses = ALL_SENSES
         self._start_s = 0.0
         self._level_aided_s = self._height_aided_s = start.time_s
+        self.level_valid = self.height_valid = True
+        """Whether anything but accelerations told of this motion within EKF2_NOAID_TOUT."""
         self.estimate = self.update(start)
 
     def restart(self, time_s: float) -> None:
@@ -56,20 +58,6 @@ class Estimator:
         settled = time_s - self._start_s >= self._settings.ready_after_s
         return settled and self.level_valid and self.height_valid
 
-    @property
-    def resets(self) -> int:
-        """How often the position has jumped."""
-        return self.vision.resets
-
-    @property
-    def level_valid(self) -> bool:
-        """Whether anything but accelerations told of the level motion within EKF2_NOAID_TOUT."""
-        return self.estimate.time_s - self._level_aided_s <= self._patience_s
-
-    @property
-    def height_valid(self) -> bool:
-        return self.estimate.time_s - self._height_aided_s <= self._patience_s
-
     def take_vision(self, sample: VisionSample, now_s: float) -> None:
         """A client's measurement, as it comes."""
         if self._failures.works(Unit.VISION):
@@ -81,16 +69,26 @@ class Estimator:
         estimate, vision = self.reckoning.update(truth, senses), self.vision
         if vision.begun:
             estimate = vision.update(estimate, self._step_s, senses.flow)
-        if senses.flow:
-            self._level_aided_s = estimate.time_s
-        elif vision.level_used_s > self._level_aided_s:
-            self._level_aided_s = vision.level_used_s
-        if senses.range_finder or senses.barometer:
-            self._height_aided_s = estimate.time_s
-        elif vision.down_used_s > self._height_aided_s:
-            self._height_aided_s = vision.down_used_s
+        if senses is ALL_SENSES:
+            self._level_aided_s = self._height_aided_s = estimate.time_s
+            self.level_valid = self.height_valid = True
+        else:
+            self._judge(senses, estimate.time_s)
         self.estimate = estimate
         return estimate
+
+    def _judge(self, senses: Senses, time_s: float) -> None:
+        """What is still known while some senses fail."""
+        level_s, height_s = self.vision.level_used_s, self.vision.down_used_s
+        if senses.flow:
+            level_s = time_s
+        if senses.range_finder or senses.barometer:
+            height_s = time_s
+        self._level_aided_s = max(self._level_aided_s, level_s)
+        self._height_aided_s = max(self._height_aided_s, height_s)
+        patience_s = self._parameters["EKF2_NOAID_TOUT"] * 1e-6
+        self.level_valid = time_s - self._level_aided_s <= patience_s
+        self.height_valid = time_s - self._height_aided_s <= patience_s
 
     def quality(self) -> Quality:
         vision, settings, time_s = self.vision, self._settings, self.estimate.time_s
@@ -115,19 +113,25 @@ class Estimator:
         )
 
     def _sense(self) -> Senses:
+        """What works and is wanted now; asked at every step, so all at once is the quick answer."""
         parameters, failures = self._parameters, self._failures
-        senses = Senses(
-            parameters["EKF2_OF_CTRL"] == 1 and failures.works(Unit.OPTICAL_FLOW),
-            parameters["EKF2_RNG_CTRL"] != 0 and failures.works(Unit.RANGE_FINDER),
-            parameters["EKF2_BARO_CTRL"] == 1 and failures.works(Unit.BAROMETER),
-            parameters["SYS_HAS_MAG"] != 0 and failures.works(Unit.MAGNETOMETER),
-        )
-        if senses == self._senses:
-            return self._senses
-        jump = self.reckoning.regain(self._senses, senses)
-        self.vision.shift_velocity(*jump)
-        self._senses = ALL_SENSES if senses == ALL_SENSES else senses
-        return self._senses
+        flow = parameters["EKF2_OF_CTRL"] == 1
+        range_finder = parameters["EKF2_RNG_CTRL"] != 0
+        barometer = parameters["EKF2_BARO_CTRL"] == 1
+        magnetometer = parameters["SYS_HAS_MAG"] != 0
+        if flow and range_finder and barometer and magnetometer and failures.none:
+            senses = ALL_SENSES
+        else:
+            senses = Senses(
+                flow and failures.works(Unit.OPTICAL_FLOW),
+                range_finder and failures.works(Unit.RANGE_FINDER),
+                barometer and failures.works(Unit.BAROMETER),
+                magnetometer and failures.works(Unit.MAGNETOMETER),
+            )
+        if senses is not self._senses:
+            self.vision.shift_velocity(*self.reckoning.regain(self._senses, senses))
+            self._senses = senses
+        return senses
 
     def _walked(self, time_s: float) -> tuple[float, float]:
         """(position, velocity): standard deviations on the level of dead reckoning since start."""
@@ -140,7 +144,3 @@ class Estimator:
             math.hypot(walked_m, 0.5 * tilted_m_s2 * alone_s * alone_s),
             math.hypot(deviation, tilted_m_s2 * alone_s),
         )
-
-    @property
-    def _patience_s(self) -> float:
-        return self._parameters["EKF2_NOAID_TOUT"] * 1e-6

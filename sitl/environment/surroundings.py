@@ -45,12 +45,10 @@ class Surroundings:
             self._applied = wanted
             self._apply()
         parameters = self._autopilot.parameters
-        w20_m_s = max(self.gusts_w20_m_s, parameters["SIM_WIND_GUST"])
-        if w20_m_s > 0.0 or self._gusty:
-            self._blow(w20_m_s, state)
-        effect_norm = max(self.ground_effect_norm, parameters["SIM_GND_EFFECT"])
-        if effect_norm > 0.0 or self._lifted:
-            self._lift(effect_norm, state)
+        if self.gusts_w20_m_s or parameters["SIM_WIND_GUST"] or self._gusty:
+            self._blow(max(self.gusts_w20_m_s, parameters["SIM_WIND_GUST"]), state)
+        if self.ground_effect_norm or parameters["SIM_GND_EFFECT"] or self._lifted:
+            self._lift(max(self.ground_effect_norm, parameters["SIM_GND_EFFECT"]), state)
         if self._limits_thrust:
             full_v = parameters["BAT1_N_CELLS"] * _FULL_CELL_V
             share = self._autopilot.battery_voltage_v / full_v
@@ -63,7 +61,9 @@ class Surroundings:
             parameters["MC_ROLLRATE_K"],
             parameters["MC_PITCHRATE_K"],
             parameters["MC_YAWRATE_K"],
-            self._steady_ned_m_s(),
+            parameters["SIH_WIND_N"],
+            parameters["SIH_WIND_E"],
+            self.wind_ned_m_s,
             self._autopilot.failures.motor_efficiency_norm,
         )
 

@@ -1,7 +1,6 @@
-"""COMMAND_LONG and COMMAND_INT for the autopilot; those about messages are the server's.
+"""What commands ask of the autopilot; those about messages are the link's.
 
-A command that comes again, because its answer was lost or the network doubled it, finds its wish
-fulfilled and is accepted again.
+A command that comes again, because the network doubled it, finds its wish fulfilled.
 """
 
 import math

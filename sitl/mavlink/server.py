@@ -5,17 +5,25 @@ from collections.abc import Callable, Mapping, Sequence
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sitl.autopilot.interface import Ack, AutopilotPort, StatusText
-from sitl.mavlink import commands, framing
+from sitl.autopilot.interface import AutopilotPort, StatusText
+from sitl.mavlink import framing
 from sitl.mavlink.camera import CameraDescription
 from sitl.mavlink.channel import Channel
+from sitl.mavlink.command_protocol import CommandProtocol
 from sitl.mavlink.link_commands import LinkCommands
 from sitl.mavlink.links import Client, Link
 from sitl.mavlink.missions import MissionProtocol
 from sitl.mavlink.parameter_file import ParameterFile
 from sitl.mavlink.parameters import ParameterProtocol
 from sitl.mavlink.places import Datum, Origin
-from sitl.mavlink.setpoints import FRAMES, attitude_setpoint, manual_input, offboard_setpoint
+from sitl.mavlink.setpoints import (
+    FRAMES,
+    GLOBAL_FRAMES,
+    attitude_setpoint,
+    global_setpoint,
+    manual_input,
+    offboard_setpoint,
+)
 from sitl.mavlink.signing import Keyring, Signer
 from sitl.mavlink.snapshot import Snapshot
 from sitl.mavlink.state import heartbeat
@@ -60,13 +68,14 @@ class MavlinkServer:
         builders = {message_id: stream.builder for message_id, stream in STREAMS.items()}
         if camera is not None:
             builders |= camera.builders
-        self._link_commands = LinkCommands(builders, self._parameters)
+        self._commands = CommandProtocol(autopilot, LinkCommands(builders, self._parameters))
         self._unknown_frames: set[int] = set()
         self._handlers: Mapping[int, Callable[[Channel, mavlink.MAVLink_message], None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             mavlink.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command,
             mavlink.MAVLINK_MSG_ID_COMMAND_INT: self._on_command,
             mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: self._on_setpoint,
+            mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: self._on_setpoint,
             mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: self._on_attitude_setpoint,
             mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: self._on_manual_control,
             mavlink.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
@@ -179,7 +188,15 @@ class MavlinkServer:
                 self._assign_log()
             if self._log is not None and link is self.links[0]:
                 self._log.write(self._time_s, received.frame)
+            if received.message.get_msgId() == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
+                self._forward(channel, received.frame)
             self._obey(channel, received.message)
+
+    def _forward(self, sender: Channel, frame: bytes) -> None:
+        """What a component says to everybody reaches the other links too, as with PX4."""
+        for channel in self.channels:
+            if channel is not sender:
+                channel.forward(frame)
 
     def _obey(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
         handler = self._handlers.get(message.get_msgId())
@@ -212,44 +229,21 @@ class MavlinkServer:
             self._autopilot.hear_ground_station()
 
     def _on_command(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
-        datum = Datum(self._origin, self._autopilot.plans.home.position_ned_m[2])
-        command, parameters = message.command, commands.parameters_of(message, datum)
-        if command == mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
-            self._on_reboot(channel, message, parameters)
-            return
-        outcome = self._link_commands.execute(channel, command, parameters, self._snapshot())
-        if outcome is None:
-            if command == mavlink.MAV_CMD_DO_SET_MODE:
-                # PX4's receiver accepts at once; its commander's verdict follows as a second one.
-                self._acknowledge(channel, message, Ack.ACCEPTED)
-            outcome = commands.execute(self._autopilot, command, parameters), ()
-        ack, answers = outcome
-        self._acknowledge(channel, message, ack)
-        for answer in answers:
-            self._send(channel, answer)
-
-    def _on_reboot(
-        self, channel: Channel, message: mavlink.MAVLink_message, p: commands.Parameters
-    ) -> None:
-        """The answer still comes from the old self; then all streams begin anew."""
-        nothing_to_do, reboot = 0, 1
-        ack = Ack.ACCEPTED if p[0] == nothing_to_do else Ack.DENIED
-        if p[0] == reboot:
-            ack = self._autopilot.reboot()
-        self._acknowledge(channel, message, ack)
-        if ack is Ack.ACCEPTED and p[0] == reboot:
+        rebooted = self._commands.obey(
+            channel, message, self._snapshot(), lambda answer: self._send(channel, answer)
+        )
+        if rebooted:
             channel.flush()
             self._source = _source_of(self._autopilot)
             self._channels.clear()
 
-    def _acknowledge(self, channel: Channel, message: mavlink.MAVLink_message, ack: Ack) -> None:
-        sender = message.get_srcSystem(), message.get_srcComponent()
-        self._send(
-            channel, mavlink.MAVLink_command_ack_message(message.command, int(ack), 0, 0, *sender)
-        )
-
     def _on_setpoint(self, _: Channel, message: mavlink.MAVLink_message) -> None:
-        setpoint = offboard_setpoint(message, self._autopilot.estimate)
+        if message.get_msgId() == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT:
+            home_ned_m = self._autopilot.plans.home.position_ned_m
+            frames = GLOBAL_FRAMES
+            setpoint = global_setpoint(message, Datum(self._origin, home_ned_m[2]))
+        else:
+            frames, setpoint = FRAMES, offboard_setpoint(message, self._autopilot.estimate)
         if setpoint is not None:
             self._autopilot.set_offboard_setpoint(setpoint)
         elif message.coordinate_frame not in self._unknown_frames:
@@ -257,7 +251,7 @@ class MavlinkServer:
             logger.warning(
                 "setpoints in MAV_FRAME %d are ignored; known frames: %s",
                 message.coordinate_frame,
-                ", ".join(map(str, sorted(FRAMES))),
+                ", ".join(map(str, sorted(frames))),
             )
 
     def _on_attitude_setpoint(self, _: Channel, message: mavlink.MAVLink_message) -> None:

@@ -1,6 +1,7 @@
 """What there is to be sensed: air pressure, the Earth's field, the picture that moves below."""
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from companion.kernel.frames import Vector3, matrix_from_euler
@@ -10,6 +11,9 @@ SEA_LEVEL_PA: Final = 101_325.0
 _SEA_LEVEL_K: Final = 288.15
 _LAPSE_K_PER_M: Final = 0.0065
 _BAROMETRIC_EXPONENT: Final = 5.25588  # g M / (R L)
+_LEVEL: Final = 1e-3  # sine of the flattest way that is followed to the floor
+_STRIDES: Final = 64
+_TOUCHED_M: Final = 0.003
 FIELD_NED_GAUSS: Final[Vector3] = (0.1929, 0.0077, 0.4520)
 """At Delft, 2.3 degrees east of true north and 67 degrees down (World Magnetic Model 2025)."""
 
@@ -52,7 +56,43 @@ def flow_rad_s(truth: AirframeState, distance_m: float) -> tuple[float, float]:
     )
 
 
-def slant(euler_rad: Vector3) -> float:
-    """How much longer the way to the floor is along the vehicle's down axis; inf if it is level."""
-    upright = math.cos(euler_rad[0]) * math.cos(euler_rad[1])
-    return 1.0 / upright if upright > 1e-3 else math.inf
+def down_axis_ned(euler_rad: Vector3) -> Vector3:
+    """Where the vehicle's down axis points."""
+    roll, pitch, yaw = euler_rad
+    level = math.cos(roll) * math.sin(pitch)
+    return (
+        math.cos(yaw) * level + math.sin(yaw) * math.sin(roll),
+        math.sin(yaw) * level - math.cos(yaw) * math.sin(roll),
+        math.cos(roll) * math.cos(pitch),
+    )
+
+
+def floor_along_m(position_ned_m: Vector3, direction_ned: Vector3) -> float:
+    """The way from there to the floor at the start (down is 0); inf if it leads elsewhere."""
+    if direction_ned[2] < _LEVEL:
+        return math.inf
+    return max(0.0, -position_ned_m[2] / direction_ned[2])
+
+
+def surface_along_m(
+    nearest: Callable[[Vector3], tuple[float, Vector3]],
+    position_ned_m: Vector3,
+    direction_ned: Vector3,
+    limit_m: float,
+) -> float:
+    """The way to the next surface, at most ``limit_m``: as far as is clear, again and again."""
+    north, east, down = direction_ned
+    way_m = 0.0
+    for _ in range(_STRIDES):
+        here = (
+            position_ned_m[0] + way_m * north,
+            position_ned_m[1] + way_m * east,
+            position_ned_m[2] + way_m * down,
+        )
+        clear_m = nearest(here)[0]
+        if clear_m < _TOUCHED_M:
+            break
+        way_m += clear_m
+        if way_m >= limit_m:
+            return limit_m
+    return way_m

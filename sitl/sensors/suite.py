@@ -14,7 +14,14 @@ from companion.kernel.frames import Vector3
 from sitl.airframe import AirframeState
 from sitl.autopilot.parameters import Number
 from sitl.failures import Failures, Kind, Unit
-from sitl.sensors.nature import Air, air_at, field_frd_gauss, flow_rad_s, slant
+from sitl.sensors.nature import (
+    Air,
+    air_at,
+    down_axis_ned,
+    field_frd_gauss,
+    floor_along_m,
+    flow_rad_s,
+)
 
 FLOW_PERIOD_S: Final = 0.02
 """Time that one reading of the optical flow adds up."""
@@ -27,6 +34,7 @@ _FLOW_NOISE_RAD_S: Final = 0.01
 _GPS_NOISE_M: Final = 0.4
 _GPS_NOISE_M_S: Final = 0.05
 _LEAST_SATELLITES: Final = 4
+_FOCUS_M: Final = 0.08  # nearer than this to the ground, the flow camera sees it no faster
 _GOOD_PERCENT: Final = 100
 _NOWHERE: Final[Vector3] = (0.0, 0.0, 0.0)
 
@@ -62,6 +70,8 @@ class Sensors:
         self.truth = truth
         self.floor_amsl_m = 0.0
         """At the start: what the barometer feels besides the vehicle's height."""
+        self.way_m: Callable[[Vector3, Vector3], float] = floor_along_m
+        """From a place along a direction, both NED from the start, to the next surface."""
         self._parameters = parameters
         self._failures = failures
         self._rng = rng
@@ -132,16 +142,17 @@ class Sensors:
     def _field(self) -> Vector3:
         return self._noisy(field_frd_gauss(self.truth), _FIELD_NOISE_GAUSS)
 
+    def _way_down_m(self) -> float:
+        """From the feet, where the sensors are, along the vehicle's down axis."""
+        return self.way_m(self.truth.position_ned_m, down_axis_ned(self.truth.euler_rad))
+
     def _range_m(self) -> float:
-        height_m = -self.truth.position_ned_m[2] * slant(self.truth.euler_rad)
-        return height_m + _RANGE_NOISE_M * self._rng.standard_normal()
+        return self._way_down_m() + _RANGE_NOISE_M * self._rng.standard_normal()
 
     def _flow(self) -> Flow:
         range_m = self.range_m()
-        distance_m = max(self.range_limits_m[0], -self.truth.position_ned_m[2])
-        about_forward, about_right = flow_rad_s(
-            self.truth, distance_m * slant(self.truth.euler_rad)
-        )
+        distance_m = max(_FOCUS_M, self._way_down_m())
+        about_forward, about_right = flow_rad_s(self.truth, distance_m)
         noise = _FLOW_NOISE_RAD_S * self._rng.standard_normal(2)
         p, q, r = self.truth.rates_frd_rad_s
         return Flow(

@@ -34,8 +34,9 @@ def pytest_addoption(parser):
 
 def pytest_terminal_summary(terminalreporter):
     for report in terminalreporter.getreports("passed") + terminalreporter.getreports("failed"):
-        for key, (executions, duration_s, refused) in report.user_properties:
+        for key, counts in report.user_properties:
             if key == "fuzz":
+                executions, duration_s, refused = counts
                 name = report.nodeid.rpartition("::")[2].removeprefix("test_")
                 terminalreporter.line(
                     f"{name}: {executions} executions in {duration_s:.0f} s, {refused} refused"

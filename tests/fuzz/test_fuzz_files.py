@@ -25,10 +25,10 @@ from companion.pipeline import Pipeline
 from companion.plan import load_plan, room_path
 from sitl.arena.contact import RoomContact
 from sitl.arena.room import load_room
-from sitl.cli import _read_settings
 from sitl.mavlink.framing import Source, encode
 from sitl.mavlink.parameter_file import ParameterFile
 from sitl.mavlink.signing import read_key
+from sitl.options import read_settings
 from sitl.settings import SitlSettings
 from tools.campaign.plan import load_campaign
 from tools.logs.opening import open_log
@@ -116,7 +116,7 @@ def test_simulator_settings(fuzz, tmp_path, suffix):
 
     def run(data):
         path.write_bytes(data)
-        convert_settings(_read_settings(path), SitlSettings, "sitl")
+        convert_settings(read_settings(path), SitlSettings, "sitl")
 
     fuzz(run, [b'{"battery": {"charge_norm": 0.5}}', b"[battery]\ncharge_norm = 0.5\n", b"[]"])
 

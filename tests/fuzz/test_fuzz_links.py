@@ -12,10 +12,12 @@ from companion.camera.spec import parse_camera
 from companion.kernel import wire
 from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.messages import MocapPose, StereoFrame
+from sitl.console import Console
 from sitl.mavlink.framing import encode
 from sitl.mavlink.link_url import Profile, parse_link
 from sitl.mavlink.server import MavlinkServer
-from sitl.parent import _inject
+from sitl.pace import Pace
+from sitl.parent import injected
 from sitl.settings import SitlSettings
 from sitl.simulator import World
 
@@ -85,7 +87,15 @@ def test_lines_of_faults(fuzz, hall):
         b'{"wind_ned_m_s":[1,0,0],"charge_norm":0.5}',
         b'{"motor_efficiency_norm":[1,1,1,0.5],"link_loss_norm":0.3}',
     ]
-    fuzz(lambda data: msgspec.json.encode(_inject(world, data)), seeds)
+    fuzz(lambda data: msgspec.json.encode(injected(world, data)), seeds)
+
+
+def test_lines_of_the_console(fuzz, hall):
+    world = World(hall, SitlSettings(), 1, hall)
+    console = Console("tcp://127.0.0.1:0", world, Pace(1.0))
+    seeds = [b"pause", b"step 5", b"run 0.5", b"speed 2", b"state", b"resume", b'{"charge_norm":1}']
+    fuzz(lambda data: msgspec.json.encode(console._obey(data)), seeds)
+    console.close()
 
 
 class FarEnd:

@@ -47,8 +47,9 @@ def pytest_terminal_summary(terminalreporter, config):
         return
     rows = defaultdict(list)
     for report in terminalreporter.getreports("passed") + terminalreporter.getreports("failed"):
-        for key, (table, *cells) in report.user_properties:
+        for key, row in report.user_properties:
             if key == "px4_row":
+                table, *cells = row
                 rows[table].append(cells)
     text = "".join(_markdown(title, head, rows[title]) for title, head in TABLES.items())
     date = datetime.now(UTC).date()

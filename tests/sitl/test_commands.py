@@ -176,3 +176,43 @@ def test_the_camera_is_found(fly_mavlink, camera_description):
     (stream,) = flight.answers("VIDEO_STREAM_INFORMATION")
     assert (stream.uri, stream.framerate) == ("tcp://127.0.0.1:14590", 10.0)
     assert stream.hfov == round(math.degrees(2 * math.atan(0.64)))
+
+
+def test_a_retry_is_accepted_again_and_done_once(flight):
+    home = mavlink.MAV_CMD_DO_SET_HOME
+
+    def send(confirmation, down_m=math.nan):
+        flight.client.received()
+        flight.client.send(
+            mavlink.MAVLink_command_long_message(1, 1, home, confirmation, 1.0, *(NAN,) * 5, down_m)
+        )
+        return [m.result for m in flight.answers("COMMAND_ACK")]
+
+    assert send(0) == [Ack.ACCEPTED]
+    first = flight.autopilot.status.home_ned_m
+    flight.run(1.0)
+    assert send(1) == send(2) == [Ack.ACCEPTED]
+    assert flight.autopilot.status.home_ned_m == first
+    assert send(0) == [Ack.ACCEPTED]  # asked for anew
+    assert flight.autopilot.status.home_ned_m != first
+    again = flight.autopilot.status.home_ned_m
+    flight.run(6.0)
+    assert send(1) == [Ack.ACCEPTED]  # of nothing that is remembered
+    assert flight.autopilot.status.home_ned_m != again
+
+
+def test_a_retry_of_what_was_refused_is_tried_again(fly_mavlink):
+    flight = fly_mavlink()
+    arm = mavlink.MAVLink_command_long_message(1, 1, 400, 1, 1.0, *(NAN,) * 6)
+    flight.client.send(arm)
+    assert [m.result for m in flight.answers("COMMAND_ACK")] == [Ack.TEMPORARILY_REJECTED]
+    flight.run(3.0)
+    flight.client.send(arm)
+    assert [m.result for m in flight.answers("COMMAND_ACK")] == [Ack.ACCEPTED]
+
+
+def test_flight_termination_stops_the_motors(flight):
+    assert flight.acks(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 0.0) == [Ack.ACCEPTED]
+    assert flight.autopilot.status.armed
+    assert flight.acks(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1.0) == [Ack.ACCEPTED]
+    assert not flight.autopilot.status.armed

@@ -82,6 +82,25 @@ def test_gusts_shake_the_vehicle_and_it_stays(make_flight, way):
     assert math.dist(flight.world.truth.position_ned_m, place) < 1.0
 
 
+def test_gusts_of_the_same_seed_make_the_same_flight(make_flight):
+    ends = []
+    for seed in (1, 1, 2):
+        flight = make_flight(settings=SitlSettings(gusts_w20_m_s=5.0), seed=seed)
+        flight.take_off()
+        ends.append(flight.world.truth)
+    assert ends[0] == ends[1] != ends[2]
+
+
+@pytest.mark.parametrize("strength", [1.0, 2.0])
+def test_it_lands_and_disarms_in_gusts_and_ground_effect(make_flight, strength):
+    flight = make_flight(settings=SitlSettings(gusts_w20_m_s=3.0, ground_effect_norm=strength))
+    flight.take_off()
+    flight.autopilot.land()
+    flight.wait_until(lambda: not flight.status.armed, 20.0)
+    assert flight.world.crashed is None
+    assert -flight.world.truth.position_ned_m[2] < 0.1
+
+
 # -- ground ----------------------------------------------------------------------------------------
 
 
@@ -247,7 +266,7 @@ def test_a_plan_sets_parameters_and_lets_things_fail_in_time(make_flight):
     ("table", "says"),
     [
         ({"parameters": {"NO_SUCH": 1.0}}, "parameters.NO_SUCH"),
-        ({"parameters": {"MPC_XY_P": 99.0}}, "parameters.MPC_XY_P: 99"),
+        ({"parameters": {"MPC_XY_P": 99.0}}, "parameters.MPC_XY_P: 99: allowed: 0 to 2"),
         ({"faults": {"failures": {"battery": "stuck"}}}, "allowed: off, ok"),
         ({"events": [{"at_s": 1e3, "failures": {"sticks": "garbage"}}]}, "failures.sticks"),
     ],

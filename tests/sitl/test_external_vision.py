@@ -13,11 +13,21 @@ from companion.kernel.messages import FlightMode
 from sitl.autopilot.estimation.axis_filter import AxisFilter
 from sitl.autopilot.estimation.vision_sample import VisionSample
 from sitl.settings import EstimatorSettings, SitlSettings
+from sitl.simulator import World
 
 DRIFT_M_S = 0.2
 DRIFTING = SitlSettings(estimator=EstimatorSettings(drift_ned_m_s=(DRIFT_M_S, 0.0, 0.0)))
 HZ = 30
 NOTHING = [math.nan] * 21
+
+
+class OpenAir:
+    """A room without walls."""
+
+    start_position_ned_m, start_yaw_rad = (0.0, 0.0, 0.0), 0.0
+
+    def nearest(self, position_ned_m):
+        return 100.0, (1.0, 0.0, 0.0)
 
 
 class Mocap:
@@ -258,6 +268,44 @@ def test_the_filter_finds_offset_and_rate_that_were_planted(offset, rate, lag_s,
     assert axis.rate == pytest.approx(rate, abs=0.1)
     assert 0.0 < axis.variance < 0.01
     assert axis.rate_variance > 0.0
+
+
+ANY = st.one_of(st.floats(), st.floats(-3.0, 3.0))
+ANY3 = st.tuples(ANY, ANY, ANY)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.builds(
+            VisionSample,
+            stamp_s=ANY,
+            position_m=ANY3,
+            attitude=st.none() | st.just((1.0, 0.0, 0.0, 0.0)),
+            velocity_m_s=ANY3,
+            velocity_in_body=st.booleans(),
+            north_known=st.booleans(),
+            position_variance_m2=ANY3,
+            yaw_variance_rad2=ANY,
+            velocity_variance_m2_s2=ANY3,
+            reset_counter=st.integers(0, 255),
+            quality_percent=st.integers(-1, 100),
+        ),
+        max_size=100,
+    ),
+)
+def test_no_sample_makes_the_estimate_anything_but_a_number(samples):
+    room = OpenAir()
+    world = World(room, SitlSettings(), 1, room)
+    for sample in samples:
+        world.autopilot.take_vision(sample)
+        if sample.reset_counter % 2:
+            world.advance_to(world.time_s + 0.02)
+    world.advance_to(world.time_s + 0.1)
+    estimate, quality = world.autopilot.estimate, world.autopilot.quality
+    numbers = (*estimate.position_ned_m, *estimate.velocity_ned_m_s, estimate.yaw_rad)
+    assert all(abs(number) < 1e5 for number in numbers)
+    assert quality.level_deviation_m >= 0.0
 
 
 # -- over MAVLink ----------------------------------------------------------------------------------

@@ -187,6 +187,39 @@ def test_a_motor_fails_alone_or_with_all_others():
     assert failures.motor_efficiency_norm == (1.0,) * 4
 
 
+@pytest.mark.parametrize(("east_m", "expected_m"), [(3.0, 0.45), (1.0, 1.2)])
+def test_over_a_desk_the_range_finder_sees_the_desk(make_flight, east_m, expected_m):
+    class Desk:
+        """A column of half a metre, 0.75 m high, 3 m east of the start."""
+
+        start_position_ned_m, start_yaw_rad = (0.0, 0.0, 0.0), 0.0
+
+        def nearest(self, position_ned_m):
+            north, east, down = position_ned_m
+            beside_m = max(abs(north), abs(east - 3.0)) - 0.25
+            over_m = -0.75 - down
+            outside_m = math.hypot(max(0.0, beside_m), max(0.0, over_m))
+            return max(min(beside_m, over_m), outside_m), (0.0, 0.0, -1.0)
+
+    flight = make_flight(hall=Desk())
+    sensors = flight.autopilot.sensors
+    sensors.truth = sensors.truth._replace(position_ned_m=(0.0, east_m, -1.2))
+    assert sensors.range_m() == pytest.approx(expected_m, abs=0.05)
+
+
+@pytest.mark.parametrize("roll_rad", [0.0, 0.5, math.pi / 2, math.pi])
+def test_it_sees_as_far_as_its_axis_reaches_and_no_farther_than_it_can(flight, roll_rad):
+    sensors = flight.autopilot.sensors
+    sensors.truth = sensors.truth._replace(
+        position_ned_m=(0.0, 0.0, -1.0), euler_rad=(roll_rad, 0.0, 1.0)
+    )
+    reach_m = 1.0 / math.cos(roll_rad) if roll_rad < 1.5 else sensors.range_limits_m[1]
+    assert sensors.range_m() == pytest.approx(reach_m, abs=0.05)
+    assert all(map(math.isfinite, sensors.flow().turned_rad))
+    sensors.truth = sensors.truth._replace(time_s=99.0, position_ned_m=(0.0, 0.0, 0.0))
+    assert math.isfinite(sensors.range_m())
+
+
 @pytest.mark.parametrize("height_m", [-5.0, 0.0, 1.5, 100.0])
 def test_the_standard_atmosphere_can_be_read_backwards(height_m):
     assert height_amsl_m(air_at(height_m).pressure_pa) == pytest.approx(height_m)

@@ -127,8 +127,9 @@ def _variant(
         # Whatever a learner refuses, it refuses before anything is measured.
         Learner(plan.learner, np.random.default_rng(0))
         chosen = convert_settings(lab, LabSettings, "lab")
-        if chosen.image_width_px and plan.learner.design.views:
-            raise PlanError("lab.image_width_px: learner.views need the camera's own image")
+        sees_map = plan.learner.design.views or plan.learner.output == "map"
+        if chosen.image_width_px and sees_map:
+            raise PlanError("lab.image_width_px: views and maps need the camera's own image")
     except PlanError as error:
         raise PlanError(f"{where}: {error}") from error
     learner, dimension, setting = names

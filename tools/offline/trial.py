@@ -20,7 +20,7 @@ from tools.offline.splits import Fold, in_flight_order, spread, thinned
 from tools.offline.store import Stored, digest
 from tools.offline.study import Study, StudySettings, Variant
 
-NOT_OF_FEATURES = frozenset({"learner.regressor", "learner.target", "learner.label"})
+NOT_OF_FEATURES = frozenset(f"learner.{key}" for key in ("regressor", "target", "label", "output"))
 """Of what samples mean, that which features do not depend on."""
 
 Frames = NDArray[np.int64]
@@ -161,7 +161,7 @@ class Student:
     def teach(self, frames: Frames) -> None:
         for recording, row in frames:
             label_px = float(self._labels_px[recording][row])
-            if not self.learner.settings.design.views:
+            if not (self._plan.learner.design.views or self._plan.learner.output == "map"):
                 self.learner.learn(self._features_of(recording, row), label_px)
                 continue
             matcher = self._matcher(recording)
@@ -219,9 +219,11 @@ class Student:
 
     @property
     def _keeps_features(self) -> bool:
-        """Pixels would only be copied, and patches at random places are new each time."""
+        """Pixels would only be copied, patches at random places are new each time, and a map
+        is made of the image."""
         settings = self._plan.learner
-        return settings.design.features != "pixels" and settings.textons.sampling == "grid"
+        fixed = settings.design.features != "pixels" and settings.textons.sampling == "grid"
+        return fixed and settings.output == "scalar"
 
     def _kept_features(self, recording: int) -> KeptFeatures:
         """Learners with one dictionary share them."""

@@ -74,18 +74,22 @@ class DeadReckoning:
         # What comes on top when senses fail; drawn only then, from numbers of its own.
         self._spare = rng.spawn(1)[0]
         self._barometer = _Wander(BAROMETER_ERROR_M, _BAROMETER_TIME_S, step_s)
-        self._sum_ned_m_s = [0.0, 0.0, 0.0]
+        self._sum_ned_m_s: Vector3 = _STILL
         self._height_sum_m = 0.0
         self._turned_rad = 0.0
-        self.drift_ned_m_s: Vector3 = settings.drift_ned_m_s
+        self.set_drift(settings.drift_ned_m_s)
+
+    def set_drift(self, drift_ned_m_s: Vector3) -> None:
         """A fault: velocity is measured wrong by this, and the position walks away with it."""
+        self._fault_ned_m_s = drift_ned_m_s
+        self._slip_anew()
 
     def update(self, truth: AirframeState, senses: Senses) -> Estimate:
         """The estimate of one moment; to be called at the rate given at the start."""
         draw = self._next_draws()
         if senses is not ALL_SENSES:
             self._miss(senses, truth.euler_rad[2])
-        slip_north, slip_east, slip_down = self._slip()
+        slip_north, slip_east, slip_down = self._slip_ned_m_s
         bias_north = self._bias_north.step(draw[0])
         bias_east = self._bias_east.step(draw[1])
         self._drift_north_m += (bias_north + slip_north) * self._step_s
@@ -120,16 +124,17 @@ class DeadReckoning:
 
     def regain(self, before: Senses, senses: Senses) -> tuple[float, float]:
         """Senses that are back put right what was wrong; the level velocity's error till then."""
-        jump = 0.0, 0.0
-        if senses.flow and not before.flow:
-            jump = self._sum_ned_m_s[0], self._sum_ned_m_s[1]
-            self._sum_ned_m_s[:2] = 0.0, 0.0
+        north, east, down = self._sum_ned_m_s
+        back = senses.flow and not before.flow
+        jump = (north, east) if back else (0.0, 0.0)
         if senses.range_finder and not before.range_finder:
             self._barometer.value = self._height_sum_m = 0.0
         if senses.range_finder or senses.barometer:
-            self._sum_ned_m_s[2] = 0.0
+            down = 0.0
         if senses.magnetometer:
             self._turned_rad = 0.0
+        self._sum_ned_m_s = north - jump[0], east - jump[1], down
+        self._slip_anew()
         return jump
 
     def _miss(self, senses: Senses, yaw_rad: float) -> None:
@@ -149,13 +154,14 @@ class DeadReckoning:
                 v_down += _ACCELEROMETER_BIAS_M_S2 * self._step_s
         if not senses.magnetometer:
             self._turned_rad += _GYRO_BIAS_RAD_S * self._step_s
-        self._sum_ned_m_s[:] = v_north, v_east, v_down
+        self._sum_ned_m_s = v_north, v_east, v_down
+        self._slip_anew()
 
-    def _slip(self) -> Vector3:
+    def _slip_anew(self) -> None:
         """Velocity that is measured, or summed up, wrong beyond the usual."""
         north, east, down = self._sum_ned_m_s
-        d_north, d_east, d_down = self.drift_ned_m_s
-        return north + d_north, east + d_east, down + d_down
+        f_north, f_east, f_down = self._fault_ned_m_s
+        self._slip_ned_m_s = north + f_north, east + f_east, down + f_down
 
     def _next_draws(self) -> list[float]:
         """Standard normal numbers; drawn in blocks, because a call costs more than a number."""

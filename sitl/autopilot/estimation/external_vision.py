@@ -69,6 +69,7 @@ class ExternalVision:
         self.ratios = Ratios()
         self._level_use, self._height_use = _Use(), _Use()
         self._velocity_use, self._yaw_use = _Use(), _Use()
+        self._flow = True
         self._height_bias_m = 0.0
         self._reset_counter = 0
 
@@ -101,6 +102,7 @@ class ExternalVision:
         self._past.append(raw)
         while raw.time_s - self._past[0].time_s > MEMORY_S:
             self._past.popleft()
+        self._flow = flow
         haste = 1.0 if flow else _HASTE
         self.north.predict(step_s, haste)
         self.east.predict(step_s, haste)
@@ -217,7 +219,8 @@ class ExternalVision:
             for axis, error, variance in zip(axes, errors, variances, strict=True)
         )
         self.ratios = self.ratios._replace(velocity=ratio)
-        begins = self._velocity_use.begins(now_s, self._patience_s)
+        # While flow measures the velocity as well, nothing forces it on what does not fit.
+        begins = self._velocity_use.begins(now_s, self._patience_s) and not self._flow
         if begins or ratio <= 1.0:
             for axis, error, variance in zip(axes, errors, variances, strict=True):
                 axis.fuse_rate(error, variance)

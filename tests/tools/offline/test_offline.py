@@ -113,8 +113,9 @@ def test_dimensions_and_dictionaries_of_other_recordings(words, told, takes):
     assert best["64"] != best["128"]
 
 
-def test_views_are_learned_from_too(words, told):
-    text = "[[setting]]\nname = 'b'\nset.learner = { preset = 'best', views = 2 }\n"
+@pytest.mark.parametrize("how", ["views = 2", "output = 'map'"])
+def test_views_and_maps_are_learned_from_too(words, told, how):
+    text = f"[[setting]]\nname = 'b'\nset.learner = {{ preset = 'best', {how} }}\n"
     assert main(words(text, out="views", base="sizes = [40]\npositive_threshold_px = 5.0\n")) == 0
     (point,) = told("views")["points"]
     assert point["test"]["auc"]["mean"] > 0.9

@@ -76,7 +76,7 @@ learner.label = ["mean", "quantile"]
         ("[vary]\nlearner.regressor = ['forest']", "no such regressor 'forest'; allowed: blend"),
         (
             "[[setting]]\nname = 'x'\nset = { lab.image_width_px = 64, learner.preset = 'best' }",
-            r"learner\.views need the camera's own image",
+            "views and maps need the camera's own image",
         ),
     ],
 )
