@@ -1,5 +1,6 @@
 """The matrix: every fault with the outcome that is expected of it, stated before it is flown."""
 
+import itertools
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import Literal, NamedTuple
@@ -52,12 +53,44 @@ def _passing(
     return ((0.0, begin), (duration_s, end))
 
 
+_EYES = ("left", "right")
+_EYE_FAULTS = (
+    "no_frames", "frozen", "black", "saturated", "half", "torn", "defocused", "dirty",
+)  # fmt: skip
+_MISMATCHES = ("swapped", "decalibrated", "desynchronised")
+_TRUSTING = (
+    *("learner.threshold_ratio=0.87", "trust.least_approaches=1", "trust.confirm_s=0"),
+    *("trust.auc=0", "trust.collision_probability=1", "trust.error_norm=100"),
+    *("trust.recent_error_norm=100", "trust.novelty=100"),
+)
+"""So that half a minute of learning is trusted as ten minutes would be."""
+
+
+def _blind_of(what: str, faults: Mapping[str, object]) -> tuple[Case, Case]:
+    """Stereo goes: before the learner can be trusted, and after."""
+    steps = _lasting(**faults)
+    return (
+        Case(f"{what}, nothing learned", Outcome.LANDS, steps, moments=("initial",)),
+        Case(f"{what}, learned", Outcome.FLIES, steps, moments=("test",), words=_TRUSTING),
+    )
+
+
 _CUT, _CLEAR = {"link_loss_norm": 1.0}, {"link_loss_norm": 0.0}
 _ONCE = ("test",)
 """For what happens before the flight, the moment makes no difference."""
 
 CASES = (
     Case("none", Outcome.FLIES, moments=_ONCE),
+    *(
+        case
+        for eye, fault in itertools.product(_EYES, _EYE_FAULTS)
+        for case in _blind_of(f"{eye} eye {fault}", {f"{eye}_eye": fault})
+    ),
+    *(case for fault in _MISMATCHES for case in _blind_of(f"eyes {fault}", {"stereo_pair": fault})),
+    Case("both eyes black", Outcome.LANDS, _lasting(left_eye="black", right_eye="black")),
+    Case("camera silent", Outcome.LANDS, _lasting(stereo_pair="no_frames")),
+    Case("camera frozen", Outcome.LANDS, _lasting(stereo_pair="frozen")),
+    Case("frames 0.3 s late", Outcome.FLIES, _lasting(stereo_pair="late")),
     Case("link lost for 1 s", Outcome.FLIES, _passing(1.0, _CUT, _CLEAR)),
     Case("link lost for 5 s", Outcome.LANDS, _passing(5.0, _CUT, _CLEAR)),
     Case("link lost for good", Outcome.LANDS, _lasting(**_CUT)),
