@@ -15,6 +15,7 @@ from companion.learner_settings import LearnerSettings
 from companion.modelfile import load_dictionary
 from companion.performance import OnlinePerformance, roc_curve, threshold_for_tpr_px
 from companion.stereo import StereoMatcher, StereoSettings
+from companion.threads import use_one_thread
 
 WANTED_TPR = 0.96
 """Where the paper reports its false positive rate (section IV)."""
@@ -60,6 +61,7 @@ class Session:
         self._plan = plan
         path = plan.learner.dictionary
         dictionary = load_dictionary(folder / path) if path else None
+        use_one_thread()
         self.learner = Learner(plan.learner, np.random.default_rng(plan.seed), dictionary)
         self.n_frames = 0
         self.n_train = 0

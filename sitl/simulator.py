@@ -15,7 +15,7 @@ from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
 from sitl.camera_faults import CameraFaults
 from sitl.conditions import CLEAR, LinkConditions, link_rng
 from sitl.environment.surroundings import Surroundings
-from sitl.faults import check, inject, set_parameters
+from sitl.faults import check, check_parameters, inject
 from sitl.hull import (
     CRASH_SPEED_M_S,
     HULL_RADIUS_M,
@@ -115,10 +115,13 @@ class World:
 
     def _begin(self, settings: SitlSettings) -> None:
         """What the plan wants from the start; what it wants later is checked now."""
-        set_parameters(self, settings.parameters)
+        check_parameters(settings.parameters, "sitl.")
+        check(settings.faults, "sitl.faults.")
+        for number, event in enumerate(settings.events):
+            check(event, f"sitl.events[{number}].")
+        for name, value in settings.parameters.items():
+            self.autopilot.set_parameter(name, value)
         inject(self, settings.faults)
-        for event in settings.events:
-            check(event)
 
     def whole_steps(self, rate_hz: float, what: str) -> int:
         """Steps of the physics in a period of ``rate_hz``. Raises PlanError unless it is whole."""

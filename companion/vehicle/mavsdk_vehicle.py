@@ -22,21 +22,21 @@ from mavsdk.plugins.telemetry import TelemetryError
 from companion.kernel.attempts import attempt
 from companion.kernel.clock import Clock, wall_s
 from companion.kernel.errors import CompanionError, LinkError, VehicleError
-from companion.kernel.messages import Event, FlightMode, LandedState, Setpoint, Telemetry
+from companion.kernel.messages import Event, FlightMode, Setpoint, Telemetry
 from companion.kernel.settings import Settings
 from companion.vehicle.deadman import Deadman, DeadmanSettings, Stage
 from companion.vehicle.slots import TelemetrySlots
+from companion.vehicle.states import has_left_ground, hovers, is_disarmed
 
 logger = logging.getLogger(__name__)
 
 POLL_PERIOD_S = 0.05
 ARM_RETRY_PERIOD_S = 0.5
 ASKED_TIMES = OFFBOARD_TRIES = 3
-"""On bad links answers get lost, though MAVSDK itself sends a command four times, and the command
-for offboard mode may overtake the first setpoint."""
-HEIGHT_TOLERANCE_M = 0.3
-TEXT_LENGTH = 50
-"""Characters that a STATUSTEXT holds."""
+"""On bad links answers get lost, though MAVSDK sends a command four times, and the command for
+offboard mode may overtake the first setpoint."""
+TEXT_LENGTH = 49
+"""Characters that one STATUSTEXT holds; from 50 on MAVSDK sends a second one."""
 ARMED_LAG_S = 2.0
 """`armed` comes with heartbeats at 1 Hz; for this long after arming, a "no" may be old."""
 
@@ -116,18 +116,14 @@ class MavsdkVehicle:
     async def take_off(self, height_m: float) -> None:
         await _ask("set the take-off height", self._action.set_takeoff_altitude, height_m)
         await self.arm()
-        before = self.telemetry().landed_state
+        before = self.telemetry()
         try:
             await _ask("take off", self._action.takeoff)
         except VehicleError:
-            on_ground = LandedState.ON_GROUND
-            if before is not on_ground or self.telemetry().landed_state is on_ground:
-                raise  # else it left the ground, but its answer got lost and asking again was vain
-        await self._confirm(
-            f"hovering at {height_m:g} m",
-            lambda now: _hovers(now, height_m),
-            self._settings.climb_limit_s,
-        )
+            if not has_left_ground(before, self.telemetry()):
+                raise  # else the answer got lost, and asking again was vain
+        what, limit_s = f"hovering at {height_m:g} m", self._settings.climb_limit_s
+        await self._confirm(what, lambda now: hovers(now, height_m), limit_s)
 
     async def start_offboard(self, setpoint: Setpoint) -> None:
         await self.send(setpoint)
@@ -161,7 +157,7 @@ class MavsdkVehicle:
             return
         await _ask("land", self._action.land)
         self._deadman.rest()
-        await self._confirm("disarmed", lambda now: not now.armed, self._settings.land_limit_s)
+        await self._confirm("disarmed", is_disarmed, self._settings.land_limit_s)
 
     async def _start_offboard(self, setpoint: Setpoint) -> None:
         await _ask("start offboard", self._offboard.start)
@@ -282,14 +278,6 @@ def _call(
 def _velocity_body(setpoint: Setpoint) -> VelocityBodyYawspeed:
     yaw_rate_deg_s = math.degrees(setpoint.yaw_rate_rad_s)
     return VelocityBodyYawspeed(*setpoint.velocity_hfrd_m_s, yaw_rate_deg_s)
-
-
-def _hovers(now: Telemetry, height_m: float) -> bool:
-    return (
-        now.landed_state is LandedState.IN_AIR
-        and now.flight_mode is FlightMode.HOLD
-        and abs(-now.position_ned_m[2] - height_m) < HEIGHT_TOLERANCE_M
-    )
 
 
 def _reason(error: Exception) -> str:

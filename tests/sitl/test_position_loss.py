@@ -87,6 +87,18 @@ def test_with_vision_nothing_happens(airborne):
     assert wait_for_failsafe(airborne, see) == pytest.approx(5.0, abs=0.15)
 
 
+def test_satellites_hold_the_place_where_flow_does_not(airborne):
+    autopilot, place = airborne.autopilot, airborne.world.truth.position_ned_m
+    autopilot.set_parameter("SYS_HAS_GPS", 1)
+    lose(airborne)
+    airborne.run(20.0)
+    assert airborne.status.mode is FlightMode.HOLD
+    assert autopilot.quality.absolute
+    assert math.dist(airborne.world.truth.position_ned_m[:2], place[:2]) < 1.0
+    autopilot.failures.inject(Unit.GPS, Kind.STUCK)
+    assert wait_for_failsafe(airborne) == pytest.approx(5.0, abs=0.25)
+
+
 @pytest.mark.parametrize(
     ("action", "mode"), [(0, FlightMode.ALTITUDE), (1, FlightMode.LAND)], ids=["altitude", "land"]
 )
