@@ -179,14 +179,14 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
 
 @njit("i8[::1](f8[::1], f8[::1])", cache=True, nogil=True)
 def _draw_evenly(targets, draws):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
-    """Rows for ``draws`` in [0, 1): a row weighs the inverse root of how many are like it."""
+    """Rows for ``draws`` in [0, 1): a row weighs the inverse of how many are like it."""
     least, most = targets.min(), targets.max()
     per_px = (BINS - 1e-6) / max(most - least, 1e-9)
     counts = np.zeros(BINS)
     for target in targets:
         counts[int((target - least) * per_px)] += 1.0
     # As a share of all, with a floor: a single odd sample must not fill every batch.
-    weights = 1.0 / np.sqrt(counts / len(targets) + 0.01)
+    weights = 1.0 / (counts / len(targets) + 0.01)
     total = np.empty(len(targets))
     running = 0.0
     for row in range(len(targets)):
