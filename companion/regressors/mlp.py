@@ -5,6 +5,7 @@ the memory; their mean is the estimate, and where they disagree nothing like it 
 call takes a few steps, so that a frame costs the same at the end of a flight as at its beginning.
 """
 
+from copy import copy, deepcopy
 from typing import Literal, Self, overload
 
 import numpy as np
@@ -87,11 +88,13 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         return np.asarray(mean, dtype=np.float64), np.sqrt(variance + self.error_)
 
     def snapshot(self) -> Self:
-        """The model as it is now; it shares nothing with this one."""
+        """The model as it is now; it only predicts, and shares nothing that changes."""
         check_is_fitted(self)
-        copy = type(self)(**self.get_params())
-        copy.n_features_in_ = self.n_features_in_
-        return copy.restore({name: values.copy() for name, values in self.state().items()})
+        twin = copy(self)
+        twin.network_, twin.inputs_, twin.outputs_ = deepcopy(
+            (self.network_, self.inputs_, self.outputs_)
+        )
+        return twin
 
     def state(self) -> Arrays:
         """Memory oldest first, scales, weights and the optimiser's moments."""

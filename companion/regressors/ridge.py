@@ -1,5 +1,6 @@
 """Ridge regression from running sums: exact whatever the order, and no sample is kept."""
 
+from copy import copy
 from typing import Literal, Self, overload
 
 import numpy as np
@@ -52,7 +53,9 @@ class RidgeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sk
     def snapshot(self) -> Self:
         """The model as it is now; it shares nothing with this one."""
         check_is_fitted(self)
-        return type(self)(**self.get_params()).restore(self.state())
+        twin = copy(self)  # all but the sums is replaced when it changes
+        twin.moments_ = self.moments_.copy()
+        return twin
 
     def state(self) -> Arrays:
         """The sums now, and those that the weights are of."""
