@@ -5,8 +5,10 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PLAN ?= flightplans/room1.toml
 SPEED ?= 10
+MINUTES ?= 10
+HOURS ?= 1
 
-.PHONY: env fly test lint bench clean
+.PHONY: env fly test lint bench fuzz endurance clean
 
 env: $(STAMP)
 
@@ -34,6 +36,14 @@ lint: env
 
 bench: env
 	$(BIN)/python -m tools.bench
+
+# Mutated input for every parser, so many minutes for each.
+fuzz: env
+	$(BIN)/python -m pytest tests/fuzz --timeout 0 --fuzz-minutes $(MINUTES)
+
+# Hours of hovering, a million hostile bytes on each kind of link, 50 clients killed in offboard.
+endurance: env
+	$(BIN)/python -m pytest tests/endurance --timeout 0 --soak-hours $(HOURS) --hostile-bytes 1000000 --kills 50
 
 clean:
 	rm -rf $(VENV) build *.egg-info

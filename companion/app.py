@@ -2,29 +2,63 @@
 
 import asyncio
 import logging
-from contextlib import suppress
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from enum import Enum, auto
 
-from companion.flightlog import FlightLogWriter
-from companion.kernel.errors import CompanionError, VehicleError
-from companion.kernel.messages import FlightMode, Phase, Setpoint
+from companion.flightlog import FlightLogWriter, Topic
+from companion.kernel.clock import wall_s
+from companion.kernel.errors import CompanionError, LinkError, VehicleError
+from companion.kernel.messages import Event, FlightMode, LandedState, Phase, Setpoint, Telemetry
 from companion.kernel.protocols import Rig
-from companion.loops import Heartbeat, Observer, fly, watch
+from companion.loops import Heartbeat, Observer, fly, pulse, watch
 from companion.pipeline import Pipeline
+from companion.supervisor import Supervisor
 from companion.truth import TruthRecorder
 
 logger = logging.getLogger(__name__)
 
 LAND_LIMIT_S = 90.0
 """Wall time; longer than any vehicle's own limit of simulated time."""
-PILOT_MODES = (FlightMode.MANUAL, FlightMode.POSITION)
+LINK_LIMIT_S = 30.0
+"""Wall time for a lost link to come back, so that the vehicle can still be told to land."""
+LINK_PERIOD_S = 0.5
+PILOT_MODES = (FlightMode.MANUAL, FlightMode.ALTITUDE, FlightMode.POSITION)
 """A human has taken over: nothing is commanded any more."""
+
+
+class Start(Enum):
+    """How a flight begins."""
+
+    TAKE_OFF = auto()
+    TAKE_OVER = auto()
+    """In the air already: only offboard mode is begun."""
+
+
+def start_of(telemetry: Telemetry, resume: bool) -> Start:
+    """Raises VehicleError for a vehicle in the air that is not ours to fly."""
+    on_ground = telemetry.landed_state in (LandedState.ON_GROUND, LandedState.UNKNOWN)
+    if not telemetry.armed or on_ground:
+        return Start.TAKE_OFF
+    mode = telemetry.flight_mode
+    if mode in PILOT_MODES:
+        raise VehicleError(f"a pilot is flying the vehicle ({mode.value} mode); leaving it to them")
+    if not resume:
+        raise VehicleError(f"the vehicle flies already ({mode.value} mode); --resume takes it over")
+    return Start.TAKE_OVER
 
 
 class Flight:
     """Flies a plan with a rig that is open; keeps the pipeline for the summary."""
 
     def __init__(
-        self, rig: Rig, pipeline: Pipeline, log: FlightLogWriter, observer: Observer
+        self,
+        rig: Rig,
+        pipeline: Pipeline,
+        log: FlightLogWriter,
+        observer: Observer,
+        start: Start = Start.TAKE_OFF,
+        supervisor: Supervisor | None = None,
     ) -> None:
         self.rig = rig
         self.pipeline = pipeline
@@ -35,22 +69,54 @@ class Flight:
         self._plan = pipeline.plan
         self._log = log
         self._observer = observer
+        self._start = start
+        self._supervisor = supervisor or Supervisor()
 
     async def run(self) -> None:
         """Takes off, flies the plan, lands. Raises CompanionError; has landed even then."""
-        vehicle = self.rig.vehicle
-        began_ns = vehicle.telemetry().stamp_ns
+        began_ns = self.rig.vehicle.telemetry().stamp_ns
+        async with self._pulse():
+            try:
+                await self._begin()
+                await self._fly_and_watch()
+                await self._end(began_ns, best_effort=False)
+            except LinkError:
+                await self._end(began_ns, best_effort=True, link_limit_s=LINK_LIMIT_S)
+                raise
+            except BaseException:  # an interrupted landing begins again
+                await self._end(began_ns, best_effort=True)
+                raise
+
+    @asynccontextmanager
+    async def _pulse(self) -> AsyncIterator[None]:
+        """Tells the service manager, if there is one, that the flight goes on."""
+        self._supervisor.ready()
+        if not self._supervisor.listens:
+            yield
+            return
+        beating = asyncio.create_task(
+            pulse(self.rig.clock, lambda: self._heartbeat, self._plan.safety, self._supervisor),
+            name="pulse",
+        )
         try:
+            yield
+        finally:
+            beating.cancel()
+            await asyncio.wait({beating})
+
+    async def _begin(self) -> None:
+        vehicle = self.rig.vehicle
+        if self._start is Start.TAKE_OFF:
             await vehicle.take_off(self._plan.behaviour.height_m)
-            await vehicle.start_offboard(Setpoint(stamp_ns=vehicle.telemetry().stamp_ns))
-            await self._fly_and_watch()
-            await self._end(began_ns, best_effort=False)
-        except BaseException:  # an interrupted landing begins again
-            await self._end(began_ns, best_effort=True)
-            raise
+        stamp_ns = vehicle.telemetry().stamp_ns
+        if self._start is Start.TAKE_OVER:
+            text = f"took over in flight, from {vehicle.telemetry().flight_mode.value} mode"
+            self._log.write(Topic.EVENT, Event(stamp_ns=stamp_ns, severity="warning", text=text))
+        await vehicle.start_offboard(Setpoint(stamp_ns=stamp_ns))
 
     async def _fly_and_watch(self) -> None:
         heartbeat = self._heartbeat = Heartbeat(self.rig.clock.now_s())
+        heartbeat.flying = True
         try:
             async with asyncio.TaskGroup() as tasks:
                 watching = tasks.create_task(
@@ -60,12 +126,15 @@ class Flight:
                 watching.cancel()
         except* CompanionError as group:
             raise _first(group) from group
+        finally:
+            heartbeat.flying = False
 
-    async def _end(self, began_ns: int, *, best_effort: bool) -> None:
+    async def _end(self, began_ns: int, *, best_effort: bool, link_limit_s: float = 0.0) -> None:
         """Hold and land. When the flight already failed, its error is the one to report."""
         self.truth.begin_landing()
+        self._supervisor.stopping()
         try:
-            now = self.rig.vehicle.telemetry()
+            now = await self._telemetry_within(link_limit_s)
             if now.armed and now.flight_mode in PILOT_MODES:
                 logger.warning("a pilot has taken over; leaving the vehicle to them")
                 return
@@ -77,6 +146,15 @@ class Flight:
         finally:
             self.flown_s = max(0.0, (self._newest_stamp_ns() - began_ns) * 1e-9)
             self.truth.record(Phase.DONE)
+
+    async def _telemetry_within(self, limit_s: float) -> Telemetry:
+        """Waits for a lost link this long, in wall time. Raises LinkError."""
+        deadline_s = wall_s() + limit_s
+        while wall_s() < deadline_s:
+            with suppress(LinkError):
+                return self.rig.vehicle.telemetry()
+            await self.rig.clock.sleep(LINK_PERIOD_S)
+        return self.rig.vehicle.telemetry()
 
     async def _hold_and_land(self) -> None:
         """The vehicle bounds each verb by its own clock; the timeout is for a stuck adapter."""

@@ -5,7 +5,9 @@ nor a slip of the finger should cost, and an interrupt meanwhile ends in one lin
 """
 
 import asyncio
+import faulthandler
 import logging
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +22,7 @@ from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, CompanionError, Pla
 if TYPE_CHECKING:
     from companion.learning_report import LearningReport
 
+STDERR = 2
 _INTERRUPTED = 130
 """What typer makes of a KeyboardInterrupt."""
 
@@ -48,6 +51,13 @@ CameraOption = Annotated[
 PositiveOption = Annotated[
     float | None, typer.Option(help="λ of a positive [px]; default: the plan's threshold.")
 ]
+ModelOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Begin with what an earlier flight learned: a model.npz, a flight's folder, or a "
+        "folder of flights, of which the newest counts."
+    ),
+]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -69,6 +79,7 @@ def _setup(
 ) -> None:
     import cv2
 
+    faulthandler.enable(STDERR)  # a watchdog's SIGABRT shows where it hung
     level = logging.DEBUG if verbose else logging.WARNING
     logging.basicConfig(
         level=level, format="%(levelname)s %(name)s: %(message)s", handlers=[StderrHandler()]
@@ -88,6 +99,14 @@ def fly(
     ] = 1.0,
     seed: Annotated[int | None, typer.Option(min=0, help="Instead of the plan's seed.")] = None,
     log_dir: Annotated[Path, typer.Option(help="Log folders are made in here.")] = Path("logs"),
+    model: ModelOption = None,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Take over a vehicle in the air, and go on with the flight that was interrupted.",
+        ),
+    ] = False,
     settings: SetOption = None,
 ) -> None:
     """Fly a plan: take off, learn, be tested, land; leaves a log folder.
@@ -95,10 +114,13 @@ def fly(
     Exit code 0: flown, 1: the flight failed (one line says why), 2: usage or plan error.
     """
     from companion.console import Progress, print_result
-    from companion.flight import FlightOrder, fly_plan, new_log_dir
+    from companion.flight import FlightOrder, fly_plan
+    from companion.logfolder import new_log_dir
     from companion.plan import load_plan
+    from companion.supervisor import Supervisor
 
     loaded = load_plan(plan, settings or (), seed)
+    supervisor = Supervisor.from_environment(os.environ)
     order = FlightOrder(
         plan=loaded,
         plan_path=plan,
@@ -106,9 +128,11 @@ def fly(
         camera=camera,
         speed=speed,
         log_dir=new_log_dir(log_dir, loaded, plan),
+        model=model,
+        resume=resume,
     )
     with Progress(Console(stderr=True)) as progress:
-        summary = asyncio.run(fly_plan(order, progress.show))
+        summary = asyncio.run(fly_plan(order, progress.show, supervisor=supervisor))
     print_result(Console(), summary, str(order.log_dir))
     if summary.outcome != "flown":
         raise CompanionError(f"flight {summary.outcome}: {summary.reason}")
@@ -130,7 +154,8 @@ def learn(
 ) -> None:
     """Learn from recorded stereo pairs, without a vehicle, and say how well it went.
 
-    A recording is a folder in the EuRoC/ASL layout or a flight.mcap with images.
+    A recording is a folder in the EuRoC/ASL layout or with left/ and right/, a flight.mcap with
+    images or a side-by-side video.
     """
     from companion.camera.recording import open_recordings
     from companion.console import print_learning

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from companion import gradients, regressors
 from companion.cells import CELLS, COLUMNS, ROWS, cell_labels
 from companion.doubt import Doubt
-from companion.features import Extractor, Features, Grey
+from companion.features import OF_VIEWS, Extractor, Features, Grey
 from companion.learner_settings import LearnerSettings, Target
 from companion.regressors import Predictor, RidgeRegressor
 from companion.views import views_of
@@ -110,6 +110,7 @@ class ScalarEstimator:
     """One figure: the regressor's answer to the features of the whole image."""
 
     def __init__(self, settings: LearnerSettings, rng: np.random.Generator) -> None:
+        self._kind = settings.design.features
         self._n_views = settings.design.views
         self._rng = rng
         parameters = regressors.RegressorSettings(
@@ -130,7 +131,7 @@ class ScalarEstimator:
         samples, disparities_px = [seen.features], [disparity_px]
         if self._n_views and map_of and seen.image is not None:
             for view in views_of(seen.image, map_of(), disparity_px, self._n_views, self._rng):
-                samples.append(gradients.encode(view.view))
+                samples.append(OF_VIEWS[self._kind](view.view))
                 disparities_px.append(view.disparity_px)
         targets = self._scale.targets(np.array(disparities_px))
         if self.trained:

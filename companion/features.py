@@ -1,5 +1,6 @@
 """What an image is turned into before a regressor sees it; the kinds are chosen by name."""
 
+from collections.abc import Callable, Mapping
 from typing import Literal, Protocol
 
 import numpy as np
@@ -10,9 +11,22 @@ from companion.cells import COLUMNS, ROWS
 from companion.kernel.errors import PlanError
 from companion.textons import TextonDictionary, TextonEncoder, TextonSettings, TextonTrainer
 
-Kind = Literal["textons", "gradients"]
+Kind = Literal["textons", "entropy", "gradients", "pixels"]
 Grey = NDArray[np.uint8]
-Features = NDArray[np.float32]
+Floats32 = NDArray[np.float32]
+Features = Floats32
+
+
+def pixels_of(view: Floats32) -> Features:
+    """A shrunk image itself, row by row: (gradients.HEIGHT_PX * gradients.WIDTH_PX,)."""
+    return view.reshape(-1)
+
+
+OF_VIEWS: Mapping[Kind, Callable[[Floats32], Features]] = {
+    "gradients": gradients.encode,
+    "pixels": pixels_of,
+}
+"""Kinds that are made of a shrunk image, and so of companion.views' enlarged ones too."""
 
 
 class Extractor(Protocol):
@@ -41,20 +55,23 @@ class Extractor(Protocol):
         ...
 
 
-class GradientFeatures:
-    """See companion.gradients: nothing is learned, so it is ready at once."""
+class ViewFeatures:
+    """Of the shrunk image, by the kinds in OF_VIEWS: nothing is learned, it is ready at once."""
 
     dictionary = None
     ready = True
 
+    def __init__(self, kind: Kind) -> None:
+        self._kind = kind
+
     def observe(self, image: Grey, frozen: bool) -> Features | None:
-        return gradients.encode(gradients.shrink(image))
+        return OF_VIEWS[self._kind](gradients.shrink(image))
 
     def cells(self, image: Grey) -> Features:
         return gradients.encode_cells(gradients.shrink(image))
 
     def adopt(self, dictionary: TextonDictionary) -> None:
-        raise PlanError('learner.dictionary: features "gradients" use no textons')
+        raise PlanError(f'learner.dictionary: features "{self._kind}" use no textons')
 
 
 class TextonFeatures:
@@ -102,3 +119,11 @@ class TextonFeatures:
                 f"the settings ask for {wanted[0]} and {wanted[1]}"
             )
         self._encoder = TextonEncoder(dictionary, textons, self._sampling_rng, self._entropy_scale)
+
+
+class EntropyFeatures(TextonFeatures):
+    """The entropy of the texton histogram alone: the appearance variation cue (de Croon 2012)."""
+
+    def observe(self, image: Grey, frozen: bool) -> Features | None:
+        features = super().observe(image, frozen)
+        return None if features is None else features[-1:]

@@ -5,32 +5,35 @@ import logging
 import shutil
 import signal
 from collections.abc import Coroutine, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 
 import msgspec
 
 from companion import __version__
-from companion.app import Flight
+from companion.app import Flight, Start, start_of
 from companion.flightlog import FlightLogWriter, FlightMetadata
 from companion.kernel.clock import wall_s
-from companion.kernel.errors import CompanionError
+from companion.kernel.errors import CompanionError, VehicleError
 from companion.kernel.messages import SimulationRequest
 from companion.kernel.protocols import Rig
+from companion.logfolder import (
+    KILLED,
+    LOG_NAME,
+    close_interrupted,
+    interrupted_flight,
+    reserve_summary,
+    write_summary,
+)
 from companion.loops import Observer
-from companion.modelfile import load_dictionary, save_model
+from companion.memory import MODEL_NAME, ModelKeeper, has_model, recall
+from companion.modelfile import load_dictionary
 from companion.pipeline import Pipeline, Step
 from companion.plan import Plan, room_path
 from companion.rigs import needs_room, open_rig
 from companion.summary import FlightFacts, Summary, summarise
+from companion.supervisor import Supervisor
+from companion.textons import TextonDictionary
 
-LOG_NAME = "flight.mcap"
-MODEL_NAME = "model.npz"
-SUMMARY_NAME = "summary.json"
-SUMMARY_BYTES = 4096
-"""Taken on the disk before take-off, so that a disk that fills up in flight still gets the summary;
-a companion that is killed leaves the one written then.
-"""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 logger = logging.getLogger(__name__)
@@ -45,44 +48,37 @@ class FlightOrder(msgspec.Struct, frozen=True, kw_only=True):
     camera: str = "sitl"
     speed: float = 10.0
     log_dir: Path
-
-
-def new_log_dir(parent: Path, plan: Plan, plan_path: Path) -> Path:
-    """``parent/<stamp>-<plan>-<seed>``, made here. Raises CompanionError."""
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    stem = f"{stamp}-{plan_path.stem}-{plan.seed}"
-    for suffix in ("", *(f"-{count}" for count in range(2, 100))):
-        path = parent / (stem + suffix)
-        try:
-            path.mkdir(parents=True)
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise CompanionError(f"{path}: cannot be made: {error.strerror}") from error
-        return path
-    raise CompanionError(f"{parent / stem}: too many flights within one second")
+    model: Path | None = None
+    """What an earlier flight learned: a file, a flight's folder or a folder of flights."""
+    resume: bool = False
+    """Go on with the flight that was interrupted, if it was: ``log_dir`` lies beside its folder."""
 
 
 class _Record:
     """What is known of a flight once its devices are gone."""
 
-    def __init__(self) -> None:
+    def __init__(self, supervisor: Supervisor | None = None) -> None:
+        self.supervisor = supervisor or Supervisor()
         self.facts = FlightFacts()
         self.pipeline: Pipeline | None = None
         """None until the log is open: before that, there is nothing to leave."""
+        self.keeper: ModelKeeper | None = None
         self.over = False
         """Landed; only the devices are left to close."""
 
 
 async def fly_plan(
-    order: FlightOrder, observer: Observer, stop_signals: Sequence[signal.Signals] = STOP_SIGNALS
+    order: FlightOrder,
+    observer: Observer,
+    stop_signals: Sequence[signal.Signals] = STOP_SIGNALS,
+    supervisor: Supervisor | None = None,
 ) -> Summary:
     """Flies; always leaves the log, the model and summary.json, also when the flight fails.
 
     Raises CompanionError when nothing could fly, and takes the log folder away then; a failed or
     aborted flight is in the summary. Only a process's main thread can listen to ``stop_signals``.
     """
-    record = _Record()
+    record = _Record(supervisor)
     flying = _run_until_stopped(_open_and_fly(order, observer, record), record, stop_signals)
     try:
         return await _summarised(order, record, flying)
@@ -108,8 +104,7 @@ async def _summarised(
         if record.pipeline is None:
             raise
         record.facts.outcome, record.facts.reason = "failed", str(error)
-    assert record.pipeline is not None
-    return _leave(order, record.pipeline, record.facts)
+    return _leave(order, record)
 
 
 async def _run_until_stopped(
@@ -154,11 +149,40 @@ async def _open_and_fly(order: FlightOrder, observer: Observer, record: _Record)
 
 
 async def _log_and_fly(order: FlightOrder, rig: Rig, observer: Observer, record: _Record) -> None:
-    pipeline = _pipeline(order, rig)
+    pipeline = Pipeline(order.plan, rig.camera.calibration, _dictionary(order))
+    start = _recall_all(order, rig, pipeline)
+    keeper = ModelKeeper(
+        order.log_dir / MODEL_NAME,
+        rig.camera.calibration,
+        order.plan.log.model_period_s,
+        rig.patient,
+    )
     with _open_log(order, rig) as log:
-        _reserve_summary(order, pipeline)
-        record.pipeline = pipeline
-        await _fly(Flight(rig, pipeline, log, _counting(observer, record.facts)), record)
+        killed = FlightFacts(reason=KILLED)
+        reserve_summary(
+            order.log_dir, summarise(order.plan, order.plan_path.stem, pipeline, killed)
+        )
+        record.pipeline, record.keeper = pipeline, keeper
+        observers = _all_of(observer, record.facts, keeper, record.supervisor)
+        await _fly(Flight(rig, pipeline, log, observers, start, record.supervisor), record)
+
+
+def _recall_all(order: FlightOrder, rig: Rig, pipeline: Pipeline) -> Start:
+    """Brings back what was known; says how the flight begins. Raises CompanionError."""
+    interrupted = interrupted_flight(order.log_dir.parent, order.log_dir) if order.resume else None
+    start = start_of(rig.vehicle.telemetry(), order.resume)
+    if interrupted is not None and start is Start.TAKE_OFF:
+        close_interrupted(interrupted)
+        raise VehicleError(
+            f"{interrupted}: interrupted, and the vehicle has landed alone; start again to fly"
+        )
+    source = interrupted if interrupted is not None and has_model(interrupted) else order.model
+    if source is not None:
+        recalled = recall(source, rig.camera.calibration)
+        recalled.teach(pipeline.learner)
+        pipeline.flown_s = recalled.saved.flown_s if source is interrupted else 0.0
+        logger.info("flying on with %s", recalled.path)
+    return start
 
 
 async def _fly(flight: Flight, record: _Record) -> None:
@@ -191,10 +215,9 @@ def _request(order: FlightOrder) -> SimulationRequest | None:
     )
 
 
-def _pipeline(order: FlightOrder, rig: Rig) -> Pipeline:
+def _dictionary(order: FlightOrder) -> TextonDictionary | None:
     path = order.plan.learner.dictionary
-    dictionary = load_dictionary(order.plan_path.parent / path) if path else None
-    return Pipeline(order.plan, rig.camera.calibration, dictionary)
+    return load_dictionary(order.plan_path.parent / path) if path else None
 
 
 def _open_log(order: FlightOrder, rig: Rig) -> FlightLogWriter:
@@ -204,49 +227,41 @@ def _open_log(order: FlightOrder, rig: Rig) -> FlightLogWriter:
         version=__version__,
         calibration=rig.camera.calibration,
     )
-    return FlightLogWriter(order.log_dir / LOG_NAME, metadata, order.plan.log.images)
+    return FlightLogWriter(
+        order.log_dir / LOG_NAME, metadata, order.plan.log.images, patient=rig.patient
+    )
 
 
-def _counting(observer: Observer, facts: FlightFacts) -> Observer:
-    def count(step: Step, pipeline: Pipeline) -> None:
+def _all_of(
+    observer: Observer, facts: FlightFacts, keeper: ModelKeeper, supervisor: Supervisor
+) -> Observer:
+    """Everybody who looks at each frame, the one who ordered the flight last."""
+
+    def observe(step: Step, pipeline: Pipeline) -> None:
         facts.frames += 1
+        keeper.offer(step.percept.stamp_ns, pipeline.learner, pipeline.flown_s)
+        decision = step.decision
+        supervisor.status(
+            f"{decision.phase.value}, {pipeline.flown_s:.0f} s flown on {decision.cue.value}, "
+            f"{decision.turns} turns, {decision.overrides} overrides"
+        )
         observer(step, pipeline)
 
-    return count
+    return observe
 
 
-def _reserve_summary(order: FlightOrder, pipeline: Pipeline) -> None:
-    killed = FlightFacts(reason="the companion was killed in flight")
-    summary = summarise(order.plan, order.plan_path.stem, pipeline, killed)
-    text = _json(summary).ljust(SUMMARY_BYTES)
-    path = order.log_dir / SUMMARY_NAME
-    try:
-        path.write_bytes(text)
-    except OSError as error:
-        raise CompanionError(f"{path}: cannot be written: {error.strerror}") from error
-
-
-def _leave(order: FlightOrder, pipeline: Pipeline, facts: FlightFacts) -> Summary:
+def _leave(order: FlightOrder, record: _Record) -> Summary:
     """The learned model and the summary, beside the log."""
+    pipeline, facts = record.pipeline, record.facts
+    assert pipeline is not None
+    assert record.keeper is not None
     try:
-        save_model(
-            order.log_dir / MODEL_NAME, pipeline.learner.state(), pipeline.matcher.calibration
-        )
+        record.keeper.finish(pipeline.learner, pipeline.flown_s)
     except CompanionError as error:
         if facts.outcome == "flown":
             facts.outcome, facts.reason = "failed", str(error)
         else:
             logger.error("%s", error)  # the flight's own error says more
     summary = summarise(order.plan, order.plan_path.stem, pipeline, facts)
-    path = order.log_dir / SUMMARY_NAME
-    try:
-        with path.open("r+b") as file:
-            file.write(_json(summary))
-            file.truncate()
-    except OSError as error:
-        raise CompanionError(f"{path}: cannot be written: {error.strerror}") from error
+    write_summary(order.log_dir, summary)
     return summary
-
-
-def _json(summary: Summary) -> bytes:
-    return msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n"

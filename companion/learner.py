@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.estimators import (
+    Arrays,
     Estimate,
     Estimator,
     MapEstimator,
@@ -22,7 +23,15 @@ from companion.estimators import (
     part,
     whole,
 )
-from companion.features import Extractor, Features, GradientFeatures, Grey, TextonFeatures
+from companion.features import (
+    OF_VIEWS,
+    EntropyFeatures,
+    Extractor,
+    Features,
+    Grey,
+    TextonFeatures,
+    ViewFeatures,
+)
 from companion.kernel.errors import PlanError
 from companion.kernel.messages import StereoFrame
 from companion.learner_settings import LearnerSettings
@@ -52,6 +61,8 @@ class LearnerState(NamedTuple):
 
 
 UNKNOWN = MonoEstimate(math.nan, math.nan, math.nan)
+MOST_GREY = 255.0
+"""No texton of an image is brighter, darker or steeper."""
 
 
 class Learner:
@@ -152,18 +163,63 @@ class Learner:
                     f"saved model was learned with {key} = {learned!r}; the plan says {wanted!r}"
                 )
         dictionary = dictionary_of(state)
+        try:
+            self._take(state, dictionary)
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            raise PlanError(f"saved model does not fit together: {error}") from error
+        return self
+
+    def _take(self, state: LearnerState, dictionary: TextonDictionary | None) -> None:
+        """Raises whatever the arrays' misfit leads to, now rather than at the first image."""
         if dictionary is not None:
             self._extractor.adopt(dictionary)
-        self._estimator.restore(part(state.arrays, "estimator"))
-        self._novelty = Novelty.restored(part(state.arrays, "novelty"))
         self._recent.clear()
-        return self
+        learned = part(state.arrays, "estimator")
+        if not learned:
+            return
+        like, seen = _one_lesson(self.settings, dictionary)
+        _refuse_misfits(state.arrays, like)
+        self._estimator.restore(learned)
+        self._novelty = Novelty.restored(part(state.arrays, "novelty"))
+        answer = self._estimator.estimate(seen)
+        if not math.isfinite(answer.mono_px):
+            raise ValueError("an empty image has no λ")
+
+
+def _one_lesson(
+    settings: LearnerSettings, dictionary: TextonDictionary | None
+) -> tuple[Arrays, Seen]:
+    """What a learner holds after one empty image, and what it saw."""
+    learner = Learner(settings, np.random.default_rng(0), dictionary)
+    image = np.zeros((96, 128), dtype=np.uint8)
+    features = learner.observe(image)
+    if features is None:
+        raise ValueError("samples without textons")
+    map_px = np.ones(image.shape, dtype=np.float32)
+    learner.learn(features, 1.0, (lambda: map_px) if settings.output == "map" else None)
+    return learner.state().arrays, Seen(features, image)
+
+
+def _refuse_misfits(arrays: Arrays, like: Arrays) -> None:
+    """Names, kinds and shapes must be as in ``like``; only rows may be more.
+
+    Raises KeyError or ValueError.
+    """
+    for name, wanted in like.items():
+        found = arrays[name]
+        rows_differ = wanted.shape[:1] in ((0,), (1,)) and found.shape[1:] == wanted.shape[1:]
+        if found.dtype != wanted.dtype or not (rows_differ or found.shape == wanted.shape):
+            raise ValueError(f"{name} of shape {found.shape} and type {found.dtype}")
+        if found.dtype.kind == "f" and not np.isfinite(found).all():
+            raise ValueError(f"{name} is not finite")
 
 
 def _extractor(settings: LearnerSettings, rng: np.random.Generator) -> Extractor:
-    if settings.design.features == "gradients":
-        return GradientFeatures()
-    return TextonFeatures(settings.textons, settings.entropy_scale, rng)
+    kind = settings.design.features
+    if kind in OF_VIEWS:
+        return ViewFeatures(kind)
+    of_textons = EntropyFeatures if kind == "entropy" else TextonFeatures
+    return of_textons(settings.textons, settings.entropy_scale, rng)
 
 
 def _estimator(
@@ -175,13 +231,18 @@ def _estimator(
 
 
 def dictionary_of(state: LearnerState) -> TextonDictionary | None:
-    """The textons in a learner's state, if it has any."""
+    """The textons in a learner's state, if it has any. Raises PlanError for what are none."""
     if "textons.intensity" not in state.arrays:
         return None
-    return TextonDictionary(
-        np.asarray(state.arrays["textons.intensity"], dtype=np.float32),
-        np.asarray(state.arrays["textons.gradient"], dtype=np.float32),
-    )
+    try:
+        found = [state.arrays[f"textons.{kind}"] for kind in TextonDictionary._fields]
+        with np.errstate(all="ignore"):  # judged below
+            textons = TextonDictionary(*(np.asarray(part, dtype=np.float32) for part in found))
+    except (KeyError, TypeError, ValueError) as error:
+        raise PlanError(f"saved model: its textons are not readable: {error}") from error
+    if any(part.ndim != 2 or not (np.abs(part) <= MOST_GREY).all() for part in textons):
+        raise PlanError("saved model: its textons are no patches of an image")
+    return textons
 
 
 def _meaning_of_samples(settings: LearnerSettings) -> dict[str, str | int | float]:
@@ -195,7 +256,7 @@ def _meaning_of_samples(settings: LearnerSettings) -> dict[str, str | int | floa
         "learner.eye": settings.eye,
         "learner.label": settings.label,
     }
-    if design.features == "gradients":
+    if design.features in OF_VIEWS:
         return common
     return common | {
         "learner.entropy_scale": settings.entropy_scale,

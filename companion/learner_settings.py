@@ -4,7 +4,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from msgspec import Meta, field
 
-from companion.features import Kind
+from companion.features import OF_VIEWS, Kind
 from companion.kernel.settings import Settings
 from companion.stereo import Label
 from companion.textons import TextonSettings
@@ -38,6 +38,8 @@ DESIGNS = {
     "none": Design("textons", "knn", "linear", 0),
 }
 """What a preset chooses where the plan does not."""
+SEES_PIXELS = frozenset({"cnn"})
+"""Regressors that want images, not features of them; with the paper's preset that is appendix A."""
 
 
 class LearnerSettings(Settings, frozen=True):
@@ -85,24 +87,32 @@ class LearnerSettings(Settings, frozen=True):
     def __post_init__(self) -> None:
         if self.preset == "paper":
             self._check_paper()
-        if self.design.features == "textons" and self.design.views:
-            raise ValueError('views are made for features = "gradients"; with textons it must be 0')
-        if self.design.features == "gradients" and self.dictionary is not None:
-            raise ValueError('dictionary: features "gradients" use no textons')
+        design = self.design
+        if design.views and design.features not in OF_VIEWS:
+            raise ValueError(f'views must be 0 with features "{design.features}"')
+        if self.dictionary is not None and design.features in OF_VIEWS:
+            raise ValueError(f'dictionary: features "{design.features}" use no textons')
+        if design.regressor in SEES_PIXELS and design.features != "pixels":
+            raise ValueError(f'regressor "{design.regressor}" needs features = "pixels"')
 
     @property
     def design(self) -> Design:
         """The preset's choices, with the plan's own in their place."""
         chosen = {key: getattr(self, key) for key in Design._fields}
         given = {key: value for key, value in chosen.items() if value is not None}
+        if self.regressor in SEES_PIXELS:
+            given.setdefault("features", "pixels")
         return DESIGNS[self.preset]._replace(**given)
 
     def _check_paper(self) -> None:
         for path, wanted in TABLE_I.items():
             section, _, key = path.rpartition(".")
             self._refuse(path, getattr(self.textons if section else self, key), wanted)
+        papers = DESIGNS["paper"]
+        if self.design.regressor in SEES_PIXELS:
+            papers = papers._replace(features="pixels")
         for key in ("features", "target", "views"):
-            self._refuse(key, getattr(self.design, key), getattr(DESIGNS["paper"], key))
+            self._refuse(key, getattr(self.design, key), getattr(papers, key))
 
     @staticmethod
     def _refuse(path: str, value: object, wanted: object) -> None:

@@ -4,7 +4,8 @@ import logging
 from collections.abc import Callable
 
 from companion.flightlog import FlightLogWriter, Topic
-from companion.kernel.errors import VehicleError
+from companion.kernel.clock import Clock
+from companion.kernel.errors import CompanionError, VehicleError
 from companion.kernel.messages import (
     Event,
     FlightMode,
@@ -16,6 +17,7 @@ from companion.kernel.messages import (
 from companion.kernel.protocols import Rig
 from companion.pipeline import Pipeline, Step
 from companion.safety import Reaction, SafetySettings, react_to_age
+from companion.supervisor import Supervisor
 from companion.truth import TruthRecorder
 
 logger = logging.getLogger(__name__)
@@ -34,6 +36,8 @@ class Heartbeat:
         self.percept_s = now_s
         self.telemetry_s = now_s
         self.telemetry_stamp_ns = -1
+        self.flying = False
+        """Percepts are expected."""
 
     def saw_telemetry(self, telemetry: Telemetry, now_s: float) -> None:
         if telemetry.stamp_ns != self.telemetry_stamp_ns:
@@ -51,13 +55,14 @@ async def fly(
 ) -> None:
     """Frame by frame until the plan is flown.
 
-    Raises VehicleError when the autopilot is no longer ours or safety wants to land.
+    Raises VehicleError when the autopilot is no longer ours or safety wants to land, CompanionError
+    when a frame cannot be worked on.
     """
     authority = Authority()
     async for frame in rig.camera.frames():
         telemetry = rig.vehicle.telemetry()
         heartbeat.saw_telemetry(telemetry, rig.clock.now_s())
-        step = pipeline.step(frame, telemetry)
+        step = _step(pipeline, frame, telemetry)
         if step.decision.phase is Phase.DONE:
             return
         authority.check(telemetry, frame.stamp_ns)
@@ -69,6 +74,18 @@ async def fly(
         truth.record(step.decision.phase)
         observer(step, pipeline)
     raise VehicleError("the camera has no more frames before the plan is flown")
+
+
+def _step(pipeline: Pipeline, frame: StereoFrame, telemetry: Telemetry) -> Step:
+    """One frame on; whatever goes wrong in there, the vehicle has to come down."""
+    try:
+        return pipeline.step(frame, telemetry)
+    except CompanionError:
+        raise
+    except Exception as error:
+        logger.exception("on the frame of %.2f s", frame.stamp_ns * 1e-9)
+        said = f"{type(error).__name__}: {error}"
+        raise CompanionError(f"perceiving and deciding failed: {said}") from error
 
 
 async def watch(
@@ -98,6 +115,24 @@ async def watch(
         elif reaction is Reaction.LAND:
             raise VehicleError(f"no new {what} for {ages_s[what]:.1f} s: landing")
         last = reaction
+
+
+async def pulse(
+    clock: Clock,
+    newest: Callable[[], Heartbeat],
+    settings: SafetySettings,
+    supervisor: Supervisor,
+) -> None:
+    """Keeps the service manager's watchdog quiet while the flight moves on.
+
+    Percepts that stay away for longer than it takes to land do not; nor does a blocked loop.
+    """
+    while True:
+        heartbeat = newest()
+        age_s = clock.now_s() - heartbeat.percept_s
+        if not heartbeat.flying or react_to_age(age_s, settings) is not Reaction.LAND:
+            supervisor.alive()
+        await clock.sleep(WATCH_PERIOD_S)
 
 
 class Authority:

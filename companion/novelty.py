@@ -64,11 +64,16 @@ class Novelty:
 
     @classmethod
     def restored(cls, state: Arrays) -> Self:
-        """Takes up where ``state`` was taken; starts anew where it is empty."""
+        """Takes up where ``state`` was taken; starts anew where it is empty.
+
+        Raises ValueError for a stride that leads nowhere.
+        """
         novelty = cls()
         if state:
             counts = np.asarray(state["counts"], dtype=np.int64)
             novelty._n_learned, novelty._stride = int(counts[0]), int(counts[1])
+            if novelty._stride < 1:
+                raise ValueError(f"a stride of {novelty._stride} frames")
             rows = np.asarray(state["rows"], dtype=np.float32)
             for row, time in zip(rows, np.asarray(state["times"], dtype=np.int64), strict=True):
                 novelty._remember(row, int(time))

@@ -61,6 +61,8 @@ class Pipeline:
         self.scorecard = Scorecard(plan.behaviour.turn_threshold_px)
         self.phase = Phase.INITIAL
         self.samples_learned = 0
+        self.flown_s = 0.0
+        """Of the plan, at the newest frame; what a resumed flight begins with may be set here."""
         self.thresholds = self._choose_thresholds()
         self._began_ns: int | None = None
 
@@ -82,9 +84,9 @@ class Pipeline:
 
     def _enter_phase_at(self, stamp_ns: int) -> None:
         if self._began_ns is None:
-            self._began_ns = stamp_ns
-        elapsed_s = (stamp_ns - self._began_ns) * 1e-9
-        phase = self.plan.experiment.phase_at(elapsed_s)
+            self._began_ns = stamp_ns - round(self.flown_s * 1e9)
+        self.flown_s = (stamp_ns - self._began_ns) * 1e-9
+        phase = self.plan.experiment.phase_at(self.flown_s)
         if phase is not self.phase:
             self.thresholds = self._choose_thresholds()
             if phase in (Phase.TEST, Phase.DONE):

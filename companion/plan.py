@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Sequence
+from os.path import isfile
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,6 +29,8 @@ class LogSettings(Settings, frozen=True):
 
     images: Literal["off", "stereo"] = "off"
     """``stereo`` logs both eyes, about 150 MB for ten minutes at 10 Hz."""
+    model_period_s: Annotated[float, Meta(ge=0, le=3600)] = 30.0
+    """What was learned is saved this often in flight, and at landing; 0: only at landing."""
 
 
 class Plan(Settings, frozen=True):
@@ -67,7 +70,7 @@ def room_path(plan: Plan, plan_path: Path) -> Path:
         raise PlanError(f"{plan_path}: room: missing; a simulated flight needs a room file")
     name = plan.room if plan.room.endswith(".toml") else f"rooms/{plan.room}.toml"
     path = plan_path.parent / name
-    if not path.is_file():
+    if not isfile(path):  # also False for a name that no file system takes
         known = sorted(file.stem for file in (plan_path.parent / "rooms").glob("*.toml"))
         raise PlanError(
             f"{plan_path}: room: {path} does not exist; rooms here: {', '.join(known) or 'none'}"
@@ -91,7 +94,7 @@ def _toml_value(text: str) -> Any:  # noqa: ANN401 - whatever TOML can hold
     """The text as a TOML value; a bare word is a string."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         return text
 
 

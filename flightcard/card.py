@@ -52,6 +52,7 @@ class FlightCard:
         self._runner = runner
         self._frames = cast(AsyncGenerator[StereoFrame, None], machine.rig.camera.frames())
         self._telemetry = machine.rig.vehicle.telemetry()
+        self._frame_stamp_ns = 0
         self._run(machine.inject(order.faults))
 
     # -- what is known -------------------------------------------------------------------------
@@ -63,7 +64,11 @@ class FlightCard:
 
     @property
     def time_s(self) -> float:
-        return self.telemetry.stamp_ns * 1e-9
+        """The vehicle's clock; when its link is silent, the newest frame's stamp."""
+        try:
+            return self.telemetry.stamp_ns * 1e-9
+        except LinkError:
+            return self._frame_stamp_ns * 1e-9
 
     @property
     def path(self) -> list[MocapPose]:
@@ -115,7 +120,7 @@ class FlightCard:
         self._run(self._rig.vehicle.land())
 
     def inject(self, **faults: Any) -> float:  # noqa: ANN401 - checked against Faults
-        """``wind_ned_m_s``, ``charge_norm``, ``motor_efficiency_norm``; the time they act from."""
+        """Keywords of ``sitl.faults.Faults``; the time they act from."""
         return self._run(self._machine.inject(convert_settings(faults, Faults, "inject")))
 
     def next_frame(self) -> StereoFrame:
@@ -212,6 +217,7 @@ class FlightCard:
     async def _tick(self) -> StereoFrame:
         """To the next frame."""
         frame = await anext(self._frames)
+        self._frame_stamp_ns = frame.stamp_ns
         self._note()
         return frame
 

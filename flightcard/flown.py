@@ -11,8 +11,10 @@ from typing import NamedTuple
 
 import msgspec
 
-from companion.flight import LOG_NAME, MODEL_NAME, SUMMARY_NAME, FlightOrder, fly_plan
+from companion.flight import FlightOrder, fly_plan
 from companion.flightlog import FlightLog
+from companion.logfolder import LOG_NAME, SUMMARY_NAME
+from companion.memory import MODEL_NAME
 from companion.plan import Plan, load_plan
 from companion.summary import Summary
 from flightcard.errors import NotMetError

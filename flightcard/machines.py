@@ -18,7 +18,7 @@ from sitl.lockstep import rig_of
 from sitl.mavlink.texts import TextListener
 from sitl.process import HOST, open_sitl
 
-PATIENT = MavsdkSettings(deadman=DeadmanSettings(stop_after_s=10.0))
+PATIENT = MavsdkSettings(deadman=DeadmanSettings(stop_after_s=10.0, exit_after_s=60.0))
 """A test's host may be busy with other tests; that it hangs is not what is tested."""
 
 

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from os.path import isfile
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -100,6 +101,7 @@ class Airframe:
         self.ticks = 0
         self.rest_height_m = float(fdm["ground/rest-height-m"])
         """Height of the centre of mass above the floor while standing."""
+        self.rotor_radius_m = float(fdm["propulsion/rotor-radius-m"])
         self._settle(yaw_rad)
         self._readers = tuple(self._node(path).get_double_value for path in _STATE_PROPERTIES)
         self._set_roll = self._node("fcs/roll-setpoint-rad").set_double_value
@@ -110,6 +112,12 @@ class Airframe:
         self._set_pitch_rate = self._node("fcs/pitch-rate-command-rad_sec").set_double_value
         self._set_collective = self._node("fcs/collective-norm").set_double_value
         self._set_spin = self._node("propulsion/spin").set_double_value
+        self._set_thrust_limit = self._node("propulsion/thrust-limit-norm").set_double_value
+        self._set_ground_effect = self._node("propulsion/ground-effect-norm").set_double_value
+        self._set_wind = tuple(
+            self._node(f"atmosphere/wind-{axis}-fps").set_double_value
+            for axis in ("north", "east", "down")
+        )
         self._set_push_norm = self._node("external_reactions/push/magnitude").set_double_value
         self._set_push = tuple(
             self._node(f"external_reactions/push/{axis}").set_double_value for axis in "xyz"
@@ -119,7 +127,7 @@ class Airframe:
 
     def _load(self, name: str) -> None:
         folder = AIRCRAFT_DIR / name
-        if not (folder / f"{name}.xml").is_file():
+        if not isfile(folder / f"{name}.xml"):
             known = ", ".join(sorted(path.name for path in AIRCRAFT_DIR.iterdir() if path.is_dir()))
             raise PlanError(f"airframe {name!r}: no such aircraft; available: {known}")
         for set_path in (
@@ -193,13 +201,21 @@ class Airframe:
                 set_axis(axis_n / norm_n)
 
     def set_wind(self, wind_ned_m_s: Vector3) -> None:
-        """Where the air moves to, steady and everywhere the same."""
-        for axis, speed_m_s in zip(("north", "east", "down"), wind_ned_m_s, strict=True):
-            self._fdm[f"atmosphere/wind-{axis}-fps"] = speed_m_s * _FT_PER_M
+        """Where the air moves to, everywhere the same, until the next call."""
+        for set_axis, speed_m_s in zip(self._set_wind, wind_ned_m_s, strict=True):
+            set_axis(speed_m_s * _FT_PER_M)
 
     def set_motor_efficiency(self, rotor: int, efficiency_norm: float) -> None:
         """Thrust that rotor 0..3 still makes, over that of a sound one."""
         self._fdm[f"fault/motor-efficiency[{rotor}]"] = efficiency_norm
+
+    def set_thrust_limit(self, limit_norm: float) -> None:
+        """The greatest thrust that a rotor can be asked for, over that with a full battery."""
+        self._set_thrust_limit(limit_norm)
+
+    def set_ground_effect(self, factor: float) -> None:
+        """Lift of all rotors over that far from the ground, at the same speed."""
+        self._set_ground_effect(factor)
 
     def scale_rate_loops(self, roll: float, pitch: float, yaw: float) -> None:
         """Makes the inner rate loops this many times as stiff as they were designed."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.kernel.calibration import StereoCalibration
+from companion.kernel.errors import CameraError
 from companion.kernel.frames import Vector3, matrix_from_euler
 from companion.kernel.messages import StereoFrame
 from companion.kernel.settings import convert_settings
@@ -15,30 +16,52 @@ from sitl.airframe import AirframeState
 from sitl.arena.camera import StereoCameraModel
 from sitl.arena.contact import RoomContact
 from sitl.arena.room import load_room
+from sitl.failures import Kind, Unit
 from sitl.follower import Follower
+from sitl.mavlink.places import Origin
 from sitl.settings import SitlSettings
 from sitl.simulator import World
 
 BLUR_POSES = 5
 """Views averaged for motion blur: at this resolution more look the same."""
 
-CAMERA_STREAM = 1
-"""Key of the camera's random numbers among those spawned from the seed; the world's is 0."""
+CAMERA_STREAM, BROKEN_CAMERA_STREAM = 1, 3
+"""Keys of random numbers among those spawned from the seed; the world's are 0 and 4, the
+links' 2."""
 
 
 class MountedCamera:
-    """The stereo camera on the vehicle: exposes from where the vehicle truly is."""
+    """The stereo camera on the vehicle: shows what is there, unless it fails."""
 
-    def __init__(self, world: World, model: StereoCameraModel) -> None:
+    def __init__(self, world: World, model: StereoCameraModel, rng: np.random.Generator) -> None:
+        """``rng`` makes up what a broken camera shows."""
         self._world = world
         self._model = model
+        self._rng = rng
+        self._last: StereoFrame | None = None
 
     @property
     def calibration(self) -> StereoCalibration:
         return self._model.calibration
 
+    @property
+    def works(self) -> bool:
+        """Whether it sends frames at all."""
+        return self._world.autopilot.failures.of(Unit.CAMERA) is not Kind.OFF
+
     def expose(self) -> StereoFrame:
         """The pair as of now: the middle of the exposure."""
+        kind, stamp_ns = self._world.autopilot.failures.of(Unit.CAMERA), self._world.stamp_ns
+        if kind is Kind.STUCK and self._last is not None:
+            return StereoFrame(stamp_ns, self._last.left, self._last.right)
+        if kind is Kind.GARBAGE:
+            shape = self.calibration.height_px, self.calibration.width_px
+            left, right = self._rng.integers(0, 256, (2, *shape), np.uint8)
+            return StereoFrame(stamp_ns, left, right)
+        self._last = frame = self._seen()
+        return frame
+
+    def _seen(self) -> StereoFrame:
         truth, exposure_s = self._world.truth, self._model.settings.exposure_s
         offsets_s = np.linspace(-0.5, 0.5, BLUR_POSES) * exposure_s if exposure_s > 0.0 else (0.0,)
         poses = [_pose_at(truth, float(offset_s)) for offset_s in offsets_s]
@@ -59,17 +82,28 @@ def _pose_at(truth: AirframeState, offset_s: float) -> tuple[Vector3, NDArray[np
 class Simulation:
     """A world and its camera; ``next_frame`` moves time to the next exposure."""
 
-    def __init__(self, world: World, camera: MountedCamera, camera_rate_hz: float) -> None:
+    def __init__(
+        self, world: World, camera: MountedCamera, camera_rate_hz: float, home: Origin
+    ) -> None:
         self.world = world
         self.camera = camera
+        self.home = home
         self._steps = world.whole_steps(camera_rate_hz, "camera rate")
 
     def next_frame(self) -> StereoFrame:
-        """Steps the world to the next multiple of the camera's period, and exposes there."""
-        done = round(self.world.time_s * self.world.physics_hz)
-        for _ in range(self._steps - done % self._steps):
-            self.world.step()
+        """Steps the world to the next multiple of the camera's period, and exposes there.
+
+        Raises CameraError when the camera is off.
+        """
+        self.world.advance_to(self.next_exposure_s)
+        if not self.camera.works:
+            raise CameraError("the stereo camera is off")
         return self.camera.expose()
+
+    @property
+    def next_exposure_s(self) -> float:
+        done = round(self.world.time_s * self.world.physics_hz)
+        return (done + self._steps - done % self._steps) / self.world.physics_hz
 
 
 def build(
@@ -79,9 +113,9 @@ def build(
     chosen = convert_settings(dict(settings), SitlSettings, "sitl")
     room = load_room(room_path)
     world = World(room, chosen, seed, RoomContact(room))
-    model = StereoCameraModel(room, chosen.camera, _camera_rng(seed))
-    camera = MountedCamera(world, model)
-    return Simulation(world, camera, camera_rate_hz)
+    model = StereoCameraModel(room, chosen.camera, _rng(seed, CAMERA_STREAM))
+    camera = MountedCamera(world, model, _rng(seed, BROKEN_CAMERA_STREAM))
+    return Simulation(world, camera, camera_rate_hz, chosen.home)
 
 
 def build_follower(
@@ -94,9 +128,9 @@ def build_follower(
     """The room and the camera of ``build``, for a vehicle that flies elsewhere."""
     chosen = convert_settings(dict(settings), SitlSettings, "sitl")
     room = load_room(room_path)
-    camera = StereoCameraModel(room, chosen.camera, _camera_rng(seed))
+    camera = StereoCameraModel(room, chosen.camera, _rng(seed, CAMERA_STREAM))
     return Follower(room, camera, RoomContact(room), camera_rate_hz, rest_height_m)
 
 
-def _camera_rng(seed: int) -> np.random.Generator:
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CAMERA_STREAM,)))
+def _rng(seed: int, stream: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream,)))

@@ -1,7 +1,6 @@
 """The command line: ``sitl run ROOM``."""
 
 import gc
-import json
 import logging
 import signal
 import sys
@@ -9,22 +8,26 @@ import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 import typer
 
-from companion.kernel.clock import WallClock, unix_s
-from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, CompanionError, PlanError
-from companion.kernel.settings import read_toml
+from companion.kernel.clock import unix_s
+from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, CompanionError
 from sitl.build import build, build_follower
+from sitl.conditions import CLEAR, LinkConditions, link_rng
+from sitl.console import VERBS, Console, ask, refused
 from sitl.mavlink.camera import CameraDescription
-from sitl.mavlink.links import Link, open_link
+from sitl.mavlink.link_url import parse_link
+from sitl.mavlink.links import Link, impair, open_link
 from sitl.mavlink.parameter_file import ParameterFile
 from sitl.mavlink.poses import PoseListener
 from sitl.mavlink.server import MavlinkServer
 from sitl.mavlink.signing import Keyring, read_key
 from sitl.mavlink.tlog import TelemetryLog
+from sitl.options import read_settings, spread_links
+from sitl.pace import FASTEST, SLOWEST, Pace
 from sitl.parent import Parent, ReadyLine
 from sitl.server import CameraServer, RealTimeServer, follow
 
@@ -57,7 +60,8 @@ def run(
             metavar="URL",
             help="udpout://HOST:PORT[?local_port=PORT] speaks first; udpin://[HOST]:PORT and "
             "tcpin://[HOST]:PORT wait for clients, of this machine alone without a HOST; "
-            "serial:///dev/DEVICE[:BAUD]; each with ?profile=gcs for a ground station's rates. "
+            "serial:///dev/DEVICE[:BAUD]; each with ?profile=gcs for a ground station's rates, UDP "
+            "with loss_norm, latency_s, jitter_s, duplicate_norm for a bad link. "
             f"Several after one option, or many times. [default: {DEFAULT_MAVLINK}]",
         ),
     ] = None,
@@ -65,10 +69,35 @@ def run(
         str, typer.Option(metavar="URL", help="Where stereo frames are published; port 0: any.")
     ] = DEFAULT_CAMERA,
     camera_rate: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 10.0,
-    speed: Annotated[float, typer.Option(min=0.1, max=100, help="Times real time.")] = 1.0,
+    speed: Annotated[float, typer.Option(min=SLOWEST, max=FASTEST, help="Times real time.")] = 1.0,
+    paused: Annotated[
+        bool, typer.Option("--paused", help="Begin with time standing still.")
+    ] = False,
+    control: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL", help="tcp://HOST:PORT that `sitl control` talks to; port 0: any."
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of everything random.")] = 0,
     settings: Annotated[
         Path | None, typer.Option(help="The plan's [sitl] table, as a TOML or JSON file.")
+    ] = None,
+    home: Annotated[
+        str | None,
+        typer.Option(metavar="LAT,LON[,ALT]", help="Of the start: degrees, metres above the sea."),
+    ] = None,
+    param: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="A parameter of the autopilot, many times."),
+    ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="JSON",
+            help="What goes wrong, and when: "
+            '{"at_s": 20, "failures": {"optical_flow": "off"}}. May be given many times.',
+        ),
     ] = None,
     parameters: Annotated[
         Path | None,
@@ -91,14 +120,18 @@ def run(
     """Fly in real time until SIGINT or SIGTERM.
 
     When ready, prints one line of JSON on stdout: {"ready": true, "mavlink": [URL, ...], "camera":
-    URL}, with the ports that were really taken.
+    URL, "control": URL}, with the ports that were really taken.
     """
     stop = _stopped_by_signals()
     with ExitStack() as open_things:
         keyring = Keyring(read_key(signing_key), unix_s) if signing_key else None
         saved = ParameterFile(parameters) if parameters else None
-        links = [_closed_by(open_things, open_link(url)) for url in mavlink or [DEFAULT_MAVLINK]]
-        simulation = build(room, _read_settings(settings), seed, camera_rate)
+        urls = mavlink or [DEFAULT_MAVLINK]
+        links = [_closed_by(open_things, open_link(url)) for url in urls]
+        table = read_settings(settings, home, param or (), fault or ())
+        simulation = build(room, table, seed, camera_rate)
+        world = simulation.world
+        impair(links, _conditions(urls, world.link, seed), lambda: world.time_s)
         calibration = simulation.camera.calibration
         frames = CameraServer(camera, calibration)
         open_things.callback(frames.close)
@@ -106,18 +139,26 @@ def run(
             simulation.world.autopilot,
             links,
             TelemetryLog(log_dir / "flight.tlog") if log_dir else None,
-            speed,
             camera=CameraDescription(calibration, camera_rate, frames.url),
             keyring=keyring,
             parameter_file=saved,
+            origin=simulation.home,
         )
         open_things.callback(vehicle.close)
+        pace = Pace(speed, paused=paused)
+        console = Console(control, simulation.world, pace) if control else None
+        if console is not None:
+            open_things.callback(console.close)
         server = RealTimeServer(
-            simulation.world, simulation.camera, vehicle, frames, camera_rate, WallClock(speed)
+            simulation.world, simulation.camera, vehicle, frames, camera_rate, pace, console
         )
         gc.collect()
         gc.freeze()  # what lives until now lives to the end; looking through it costs milliseconds
-        ready = ReadyLine(mavlink=[link.url for link in links], camera=frames.url)
+        ready = ReadyLine(
+            mavlink=[link.url for link in links],
+            camera=frames.url,
+            control=console.url if console is not None else msgspec.UNSET,
+        )
         typer.echo(msgspec.json.encode(ready))
         parent = Parent(simulation.world) if until_stdin_closes else None
         server.run(lambda: stop.is_set() or (parent is not None and parent.has_gone()))
@@ -158,7 +199,7 @@ def arena(
     with ExitStack() as open_things:
         listener = PoseListener(pose)
         open_things.callback(listener.close)
-        follower = build_follower(room, _read_settings(settings), seed, camera_rate, rest_height)
+        follower = build_follower(room, read_settings(settings), seed, camera_rate, rest_height)
         frames = CameraServer(camera, follower.calibration)
         open_things.callback(frames.close)
         typer.echo(msgspec.json.encode(ReadyLine(mavlink=[listener.url], camera=frames.url)))
@@ -173,6 +214,18 @@ def arena(
         typer.echo(msgspec.json.encode(follower.visit(source)))
 
 
+@app.command()
+def control(
+    url: Annotated[str, typer.Argument(help="The control URL that `sitl run` printed.")],
+    lines: Annotated[list[str], typer.Argument(help=f"Each one of: {VERBS}.")],
+) -> None:
+    """Pause a running `sitl run`, step it, change its speed; prints an answer for each line."""
+    for answer in ask(url, lines):
+        typer.echo(answer)
+        if refused(answer):
+            raise typer.Exit(EXIT_FAILED)
+
+
 def _stopped_by_signals() -> threading.Event:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -185,36 +238,18 @@ def _closed_by(stack: ExitStack, link: Link) -> Link:
     return link
 
 
-def _read_settings(path: Path | None) -> dict[str, Any]:
-    if path is None:
-        return {}
-    if path.suffix != ".json":
-        return read_toml(path)
-    try:
-        table = json.loads(path.read_bytes())
-    except OSError as error:
-        raise PlanError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise PlanError(f"{path}: not valid JSON: {error}") from error
-    if not isinstance(table, dict):
-        raise PlanError(f"{path}: must hold a table, not {type(table).__name__}")
-    return table
-
-
-def _spread_links(words: Sequence[str]) -> list[str]:
-    """``--mavlink A B`` as ``--mavlink A --mavlink B``; a link is a word with :// in it."""
-    spread: list[str] = []
-    for word in words:
-        if "://" in word and len(spread) > 1 and "://" in spread[-1] and spread[-2] == "--mavlink":
-            spread.append("--mavlink")
-        spread.append(word)
-    return spread
+def _conditions(urls: Sequence[str], first: LinkConditions, seed: int) -> list[LinkConditions]:
+    """One for each link, as its URL says; the first is the companion's and has its settings."""
+    wanted = [parse_link(url).conditions for url in urls]
+    first.settings = first.settings if wanted[0] == CLEAR else wanted[0]
+    others = enumerate(wanted[1:], start=1)
+    return [first, *(LinkConditions(state, link_rng(seed, number)) for number, state in others)]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script; returns the exit code."""
     try:
-        app(_spread_links(sys.argv[1:] if argv is None else argv), prog_name="sitl")
+        app(spread_links(sys.argv[1:] if argv is None else argv), prog_name="sitl")
     except SystemExit as end:  # typer has said what was wrong with the words
         return end.code if isinstance(end.code, int) else EXIT_FAILED
     except CompanionError as error:

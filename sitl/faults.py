@@ -1,16 +1,35 @@
 """What can be made to go wrong while the vehicle flies."""
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
-from msgspec import Meta
+import msgspec
+from msgspec import Meta, field
 
+from companion.kernel.errors import PlanError
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
+from sitl.autopilot.parameters import parameter_problem
+from sitl.conditions import Delay, LinkConditions, Norm
+from sitl.failures import SUPPORTED, Kind, Unit
 
 if TYPE_CHECKING:  # whoever asks another process for faults needs no flight dynamics
     from sitl.simulator import World
 
-Norm = Annotated[float, Meta(ge=0.0, le=1.0)]
+UnitName = Literal[
+    "magnetometer",
+    "barometer",
+    "gps",
+    "optical_flow",
+    "vision",
+    "range_finder",
+    "battery",
+    "camera",
+    "sticks",
+]
+KindName = Literal["ok", "off", "stuck", "garbage"]
+_UNITS: Final[Mapping[str, Unit]] = {unit.name.lower(): unit for unit in SUPPORTED}
+_LINK: Final = "link_"
 
 
 class Faults(Settings, frozen=True):
@@ -18,18 +37,79 @@ class Faults(Settings, frozen=True):
 
     wind_ned_m_s: Vector3 | None = None
     """Where the air moves to, steady and everywhere the same."""
+    gusts_w20_m_s: Annotated[float, Meta(ge=0.0, le=25.0)] | None = None
+    """Turbulence that belongs to this mean wind at 20 ft."""
+    ground_effect_norm: Annotated[float, Meta(ge=0.0, le=2.0)] | None = None
     charge_norm: Norm | None = None
     """State of charge that the battery jumps to."""
     motor_efficiency_norm: tuple[Norm, Norm, Norm, Norm] | None = None
     """Thrust that each rotor still makes, over that of a sound one; in PX4's order."""
+    estimator_drift_ned_m_s: Vector3 | None = None
+    """Velocity is measured wrong by this, and the position walks away with it."""
+    failures: dict[UnitName, KindName] = field(default_factory=dict)
+    """Units that fail, and how; "ok" mends them."""
+    parameters: dict[str, float] = field(default_factory=dict)
+    """PX4's, by name."""
+    link_loss_norm: Norm | None = None
+    """These act on the companion's link, in both directions: see ``LinkSettings``."""
+    link_latency_s: Delay | None = None
+    link_jitter_s: Delay | None = None
+    link_duplicate_norm: Norm | None = None
+
+
+class Event(Faults, frozen=True, kw_only=True):
+    """Faults that begin at a time of the world."""
+
+    at_s: Annotated[float, Meta(ge=0.0)]
 
 
 def inject(world: "World", faults: Faults) -> float:
-    """Does it between two steps; the world's time at which it was done."""
+    """Does it between two steps; the world's time at which it was done.
+
+    Raises PlanError, with nothing done, for what cannot be: which key, and what is allowed.
+    """
+    check(faults)
+    autopilot, surroundings = world.autopilot, world.surroundings
+    set_parameters(world, faults.parameters)
     if faults.wind_ned_m_s is not None:
-        world.set_wind(faults.wind_ned_m_s)
+        surroundings.wind_ned_m_s = faults.wind_ned_m_s
+    if faults.gusts_w20_m_s is not None:
+        surroundings.gusts_w20_m_s = faults.gusts_w20_m_s
+    if faults.ground_effect_norm is not None:
+        surroundings.ground_effect_norm = faults.ground_effect_norm
     if faults.charge_norm is not None:
-        world.autopilot.set_charge(faults.charge_norm)
-    for rotor, efficiency_norm in enumerate(faults.motor_efficiency_norm or ()):
-        world.airframe.set_motor_efficiency(rotor, efficiency_norm)
+        autopilot.set_charge(faults.charge_norm)
+    if faults.motor_efficiency_norm is not None:
+        autopilot.failures.motor_efficiency_norm = faults.motor_efficiency_norm
+    if faults.estimator_drift_ned_m_s is not None:
+        autopilot.set_drift(faults.estimator_drift_ned_m_s)
+    for unit, kind in faults.failures.items():
+        autopilot.failures.inject(_UNITS[unit], Kind[kind.upper()])
+    _impair(world.link, faults)
     return world.time_s
+
+
+def _impair(link: LinkConditions, faults: Faults) -> None:
+    given = msgspec.structs.asdict(faults)
+    changes = {
+        key.removeprefix(_LINK): value
+        for key, value in given.items()
+        if key.startswith(_LINK) and value is not None
+    }
+    link.settings = msgspec.structs.replace(link.settings, **changes)
+
+
+def check(faults: Faults) -> None:
+    """Raises PlanError for a unit that cannot fail in this way."""
+    for unit, kind in faults.failures.items():
+        possible = SUPPORTED[_UNITS[unit]]
+        if Kind[kind.upper()] not in possible:
+            names = ", ".join(sorted(kind.name.lower() for kind in possible))
+            raise PlanError(f"failures.{unit}: cannot be {kind!r}; allowed: {names}")
+
+
+def set_parameters(world: "World", values: Mapping[str, float]) -> None:
+    """Raises PlanError for the first that is unknown or out of range."""
+    for name, value in values.items():
+        if not world.autopilot.set_parameter(name, value):
+            raise PlanError(f"parameters.{name}: {value:g}: {parameter_problem(name)}")

@@ -7,9 +7,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from companion.kernel.attempts import attempt
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.clock import let_others_run
-from companion.kernel.errors import VehicleError
+from companion.kernel.errors import LinkError, VehicleError
 from companion.kernel.frames import ned_from_hfrd
 from companion.kernel.messages import (
     NAN,
@@ -24,15 +25,21 @@ from companion.kernel.messages import (
 from companion.kernel.protocols import Rig
 from sitl.autopilot.interface import Ack, OffboardSetpoint
 from sitl.build import Simulation, build
+from sitl.lockstep_link import CARRY_PERIOD_S, LockstepLink
 
 logger = logging.getLogger(__name__)
 
-POLL_PERIOD_S = 0.02
+POLL_PERIOD_S = CARRY_PERIOD_S
 READY_LIMIT_S = 20.0
 CLIMB_LIMIT_S = 30.0
 MODE_LIMIT_S = 2.0
 LAND_LIMIT_S = 60.0
 HEIGHT_TOLERANCE_M = 0.15
+ASKED_TIMES = 12
+ANSWER_LIMIT_S = 0.5
+"""As MAVSDK, and the companion's adapter on it: what is not answered is sent again."""
+OFFBOARD_TRIES = 3
+"""The command may overtake the first setpoint, and is refused then."""
 
 
 @asynccontextmanager
@@ -44,11 +51,13 @@ async def open_rig(request: SimulationRequest) -> AsyncIterator[Rig]:
 
 def rig_of(simulation: Simulation) -> Rig:
     """The simulation as the companion sees it."""
+    vehicle = LockstepVehicle(simulation)
     return Rig(
-        LockstepVehicle(simulation),
-        LockstepCamera(simulation),
+        vehicle,
+        LockstepCamera(simulation, vehicle.link),
         LockstepClock(simulation),
         LockstepMocap(simulation),
+        patient=True,
     )
 
 
@@ -97,8 +106,9 @@ class LockstepCamera(_Opened):
 
     frames_dropped = 0
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation, link: LockstepLink) -> None:
         self._simulation = simulation
+        self._link = link
 
     @property
     def calibration(self) -> StereoCalibration:
@@ -107,17 +117,67 @@ class LockstepCamera(_Opened):
     async def frames(self) -> AsyncIterator[StereoFrame]:
         while True:
             await let_others_run()
+            self._carry()
             yield self._simulation.next_frame()
+
+    def _carry(self) -> None:
+        """Lets the link work until the exposure, where it takes any time at all."""
+        world = self._simulation.world
+        last_s = self._simulation.next_exposure_s - 1.5 * CARRY_PERIOD_S
+        while self._link.impaired and world.time_s < last_s:
+            world.advance_to(world.time_s + CARRY_PERIOD_S)
+            self._link.carry()
 
 
 class LockstepVehicle(_Opened):
-    """The autopilot without a link. Verbs run the world until telemetry would confirm them."""
+    """The autopilot without MAVLink. Verbs run the world until telemetry confirms them."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._world = simulation.world
         self._autopilot = simulation.world.autopilot
+        self.link = LockstepLink(
+            self._world.link, lambda: self._world.time_s, self._measure, self._deliver
+        )
 
     def telemetry(self) -> Telemetry:
+        return self.link.telemetry()
+
+    async def arm(self) -> None:
+        with suppress(VehicleError):  # arming then says what is missing
+            await self._run_until(
+                lambda _: self._autopilot.status.ready_to_arm, READY_LIMIT_S, "ready"
+            )
+        await self._ask(self._autopilot.arm, "arm")
+
+    async def take_off(self, height_m: float) -> None:
+        await self.arm()
+        await self._ask(lambda: self._autopilot.take_off(height_m), "take off")
+        await self._run_until(lambda now: _hovers(now, height_m), CLIMB_LIMIT_S, "at height")
+
+    async def start_offboard(self, setpoint: Setpoint) -> None:
+        await self.send(setpoint)
+        await attempt(OFFBOARD_TRIES, VehicleError, self._start_offboard)
+
+    async def send(self, setpoint: Setpoint) -> None:
+        self.link.send(setpoint)
+
+    async def hold(self) -> None:
+        self.link.rest()
+        await self._ask(lambda: self._autopilot.set_mode(FlightMode.HOLD), "hold")
+        await self._run_until_mode(FlightMode.HOLD)
+
+    async def land(self) -> None:
+        if not self.telemetry().armed:
+            return
+        self.link.rest()
+        await self._ask(self._autopilot.land, "land")
+        await self._run_until(lambda now: not now.armed, LAND_LIMIT_S, "disarmed")
+
+    async def _start_offboard(self) -> None:
+        await self._ask(lambda: self._autopilot.set_mode(FlightMode.OFFBOARD), "start offboard")
+        await self._run_until_mode(FlightMode.OFFBOARD)
+
+    def _measure(self) -> Telemetry:
         estimate, status = self._autopilot.estimate, self._autopilot.status
         return Telemetry(
             stamp_ns=round(estimate.time_s * 1e9),
@@ -134,24 +194,7 @@ class LockstepVehicle(_Opened):
             connected=True,
         )
 
-    async def arm(self) -> None:
-        with suppress(VehicleError):  # arming then says what is missing
-            await self._run_until(
-                lambda: self._autopilot.status.ready_to_arm, READY_LIMIT_S, "ready"
-            )
-        self._accept(self._autopilot.arm(), "arm")
-
-    async def take_off(self, height_m: float) -> None:
-        await self.arm()
-        self._accept(self._autopilot.take_off(height_m), "take off")
-        await self._run_until(lambda: self._hovers_at(height_m), CLIMB_LIMIT_S, "at height")
-
-    async def start_offboard(self, setpoint: Setpoint) -> None:
-        await self.send(setpoint)
-        self._accept(self._autopilot.set_mode(FlightMode.OFFBOARD), "start offboard")
-        await self._run_until_mode(FlightMode.OFFBOARD)
-
-    async def send(self, setpoint: Setpoint) -> None:
+    def _deliver(self, setpoint: Setpoint) -> None:
         forward, right, down = setpoint.velocity_hfrd_m_s
         north, east = ned_from_hfrd(forward, right, self._autopilot.estimate.yaw_rad)
         self._autopilot.set_offboard_setpoint(
@@ -162,21 +205,23 @@ class LockstepVehicle(_Opened):
             )
         )
 
-    async def hold(self) -> None:
-        self._accept(self._autopilot.set_mode(FlightMode.HOLD), "hold")
-        await self._run_until_mode(FlightMode.HOLD)
-
-    async def land(self) -> None:
-        if not self._autopilot.status.armed:
+    async def _ask(self, command: Callable[[], Ack], what: str) -> None:
+        """Raises VehicleError when it is refused, LinkError when no answer comes."""
+        if not self.link.impaired:
+            self._accept(command(), what)
             return
-        self._accept(self._autopilot.land(), "land")
-        await self._run_until(lambda: not self._autopilot.status.armed, LAND_LIMIT_S, "disarmed")
-
-    def _hovers_at(self, height_m: float) -> bool:
-        error_m = abs(height_m + self._autopilot.estimate.position_ned_m[2])
-        status = self._autopilot.status
-        in_air = status.landed_state is LandedState.IN_AIR
-        return in_air and status.mode is FlightMode.HOLD and error_m < HEIGHT_TOLERANCE_M
+        ack: Ack | None = None
+        for _ in range(ASKED_TIMES):
+            there_s, back_s = (self.link.conditions.delays_s() for _ in range(2))
+            if there_s:
+                await self._run_for(min(there_s))
+                ack = command() if ack is None else ack  # repetitions are answered, not obeyed
+                if back_s:
+                    await self._run_for(min(back_s))
+                    self._accept(ack, what)
+                    return
+            await self._run_for(ANSWER_LIMIT_S)
+        raise LinkError(f"{what}: no answer from the autopilot")
 
     def _accept(self, ack: Ack, what: str) -> None:
         if ack is not Ack.ACCEPTED:
@@ -185,12 +230,27 @@ class LockstepVehicle(_Opened):
             raise VehicleError(f"{what}: {ack.name.lower()} by the autopilot ({why})")
 
     async def _run_until_mode(self, mode: FlightMode) -> None:
-        await self._run_until(lambda: self._autopilot.status.mode is mode, MODE_LIMIT_S, mode.value)
+        await self._run_until(lambda now: now.flight_mode is mode, MODE_LIMIT_S, mode.value)
 
-    async def _run_until(self, done: Callable[[], bool], limit_s: float, what: str) -> None:
+    async def _run_until(
+        self, done: Callable[[Telemetry], bool], limit_s: float, what: str
+    ) -> None:
         deadline_s = self._world.time_s + limit_s
-        while not done():
+        while not done(self.telemetry()):
             if self._world.time_s > deadline_s:
                 raise VehicleError(f"not {what} within {limit_s:.0f} s")
-            self._world.advance_to(self._world.time_s + POLL_PERIOD_S)
+            await self._run_for(POLL_PERIOD_S)
+
+    async def _run_for(self, duration_s: float) -> None:
+        end_s, half_step_s = self._world.time_s + duration_s, 0.5 / self._world.physics_hz
+        while self._world.time_s < end_s - half_step_s:
+            self._world.advance_to(min(end_s, self._world.time_s + POLL_PERIOD_S))
+            if self.link.impaired:
+                self.link.carry()
             await let_others_run()
+
+
+def _hovers(now: Telemetry, height_m: float) -> bool:
+    error_m = abs(height_m + now.position_ned_m[2])
+    in_air = now.landed_state is LandedState.IN_AIR
+    return in_air and now.flight_mode is FlightMode.HOLD and error_m < HEIGHT_TOLERANCE_M

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import typer
 
+from companion.kernel.errors import PlanError
 from sitl.faults import Faults, inject
 
 if TYPE_CHECKING:  # the parent's side needs no flight dynamics
@@ -22,6 +23,7 @@ class ReadyLine(msgspec.Struct, frozen=True, kw_only=True):
     ready: bool = True
     mavlink: list[str]
     camera: str
+    control: str | msgspec.UnsetType = msgspec.UNSET
 
 
 class InjectedLine(msgspec.Struct, frozen=True):
@@ -53,12 +55,13 @@ class Parent:
         *lines, self._rest = (self._rest + read).split(b"\n")
         if self._world is not None:
             for line in lines:
-                typer.echo(msgspec.json.encode(_inject(self._world, line)))
+                typer.echo(msgspec.json.encode(injected(self._world, line)))
         return not read
 
 
-def _inject(world: "World", line: bytes) -> InjectedLine | RefusedLine:
+def injected(world: "World", line: bytes) -> InjectedLine | RefusedLine:
+    """Does what one line of faults asks for."""
     try:
         return InjectedLine(inject(world, msgspec.json.decode(line, type=Faults)))
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, PlanError) as error:
         return RefusedLine(str(error))

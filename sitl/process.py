@@ -50,6 +50,10 @@ class SitlProcess:
         self._child = child
         self._process = child.process
 
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
     async def watch(self) -> NoReturn:
         """Waits for the child's death, and raises what it died of."""
         await self._process.wait()

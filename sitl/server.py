@@ -11,12 +11,14 @@ import zmq
 
 from companion.kernel import wire
 from companion.kernel.calibration import StereoCalibration
-from companion.kernel.clock import WallClock, wall_s
+from companion.kernel.clock import wall_s
 from companion.kernel.errors import PlanError, SimulatorError
 from companion.kernel.messages import MocapPose, StereoFrame
+from sitl.console import Console
 from sitl.follower import Follower
 from sitl.mavlink.poses import PoseListener
 from sitl.mavlink.server import MavlinkServer
+from sitl.pace import Pace
 
 logger = logging.getLogger(__name__)
 
@@ -24,10 +26,9 @@ SHORTEST_WAIT_S = 0.001
 """Wall time. At high speed several steps share one wait; a datagram ends any wait at once."""
 LONGEST_SLICE_S = 0.02
 """Wall time that the world may take before the links are served again."""
-LAG_LIMIT_S = 0.05
-"""Wall time that may be caught up with; what is more than that, the world is simply late."""
-CALM_AFTER_S = 1.0
-"""Wall time before a lag is worth a warning: caches are cold at the start."""
+LONGEST_SILENCE_S = 1.2
+"""Wall time without a heartbeat: clients time them on their own clocks, and heartbeats come once a
+second of the world's."""
 SEND_MEMORY_BYTES = 256_000_000
 """For one client that does not read; frames beyond it are dropped, for that client alone."""
 
@@ -49,6 +50,11 @@ class SteppedWorld(Protocol):
 
 class ExposedCamera(Protocol):
     """Renders what the pair sees now."""
+
+    @property
+    def works(self) -> bool:
+        """Whether it sends frames at all."""
+        ...
 
     def expose(self) -> StereoFrame: ...
 
@@ -89,7 +95,7 @@ class CameraServer:
 
 
 class RealTimeServer:
-    """Steps the world along the clock; when that is too fast, the world is late, never jumps."""
+    """Steps the world at its pace; when that is too fast, the world is late, never jumps."""
 
     def __init__(
         self,
@@ -98,7 +104,8 @@ class RealTimeServer:
         mavlink: MavlinkServer,
         frames: CameraServer,
         camera_rate_hz: float,
-        clock: WallClock,
+        pace: Pace,
+        console: Console | None = None,
     ) -> None:
         self._world = world
         self._camera = camera
@@ -106,29 +113,44 @@ class RealTimeServer:
         self._frames = frames
         self._frame_period_s = 1.0 / camera_rate_hz
         self._frame_due_s = world.time_s + self._frame_period_s
-        self._clock = clock
-        self._warned = self._reported_crash = False
+        self._pace = pace
+        self._console = console
+        self._reported_crash = False
+        self._beat_s = world.time_s
+        self._beat_wall_s = wall_s()
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Until ``stopped()``; it is asked every few milliseconds."""
         self._camera.expose()  # compiles what is compiled at first use, before time begins
-        self._begin_s = wall_s()
-        self._ahead_s = self._world.time_s - self._clock.now_s()
+        self._pace.start(self._world.time_s)
         while not stopped():
             self._mavlink.poll()
-            self._follow_clock()
-            late_s = self._target_s() - self._world.time_s
-            wait_s = max(SHORTEST_WAIT_S, -late_s / self._clock.speed) if late_s < 0.0 else 0.0
-            select.select(self._mavlink.filenos(), [], [], wait_s)
+            if self._console is not None:
+                self._console.poll()
+            self._advance()
+            self._keep_clients()
+            wait_s = self._pace.wait_s(self._world.time_s)
+            select.select(self._filenos(), [], [], max(SHORTEST_WAIT_S, wait_s) if wait_s else 0.0)
 
-    def _target_s(self) -> float:
-        return self._clock.now_s() + self._ahead_s
+    def _filenos(self) -> list[int]:
+        mine = self._console.filenos() if self._console is not None else []
+        return [*self._mavlink.filenos(), *mine]
 
-    def _follow_clock(self) -> None:
-        self._give_up_lag()
+    def _advance(self) -> None:
+        """All steps that are due, as far as one slice allows."""
+        self._pace.give_up_lag(self._world.time_s)
         slice_end_s = wall_s() + LONGEST_SLICE_S
-        while self._world.time_s < self._target_s() and wall_s() < slice_end_s:
+        while self._pace.due(self._world.time_s) and wall_s() < slice_end_s:
             self._step()
+            self._pace.stepped()
+
+    def _keep_clients(self) -> None:
+        """So that a world that is slow or stands still does not look lost."""
+        if self._world.time_s - self._beat_s >= 1.0:
+            self._beat_s, self._beat_wall_s = self._world.time_s, wall_s()
+        elif wall_s() - self._beat_wall_s > LONGEST_SILENCE_S:
+            self._beat_wall_s = wall_s()
+            self._mavlink.beat()
 
     def _step(self) -> None:
         self._world.step()
@@ -136,28 +158,16 @@ class RealTimeServer:
         self._mavlink.update(time_s)
         if time_s >= self._frame_due_s - 1e-6:
             self._frame_due_s += self._frame_period_s
-            frame = self._camera.expose()
+            frame = self._camera.expose() if self._camera.works else None
             self._frames.publish_truth(self._world.mocap)
-            self._frames.publish_frame(frame)
+            if frame is not None:
+                self._frames.publish_frame(frame)
             self._report_crash()
 
     def _report_crash(self) -> None:
         if self._world.crashed is not None and not self._reported_crash:
             self._reported_crash = True
             logger.warning("crashed: %s", self._world.crashed)
-
-    def _give_up_lag(self) -> None:
-        lag_s = (self._target_s() - self._world.time_s) / self._clock.speed
-        if lag_s <= LAG_LIMIT_S:
-            return
-        self._ahead_s = self._world.time_s - self._clock.now_s()
-        if not self._warned and wall_s() - self._begin_s > CALM_AFTER_S:
-            self._warned = True
-            logger.warning(
-                "this machine cannot keep up with speed %g (%.0f ms late): flying slower",
-                self._clock.speed,
-                lag_s * 1e3,
-            )
 
 
 def follow(

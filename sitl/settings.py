@@ -2,11 +2,14 @@
 
 from typing import Annotated
 
-from msgspec import Meta
+from msgspec import Meta, field
 
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
 from sitl.arena.camera import CameraSettings
+from sitl.conditions import LinkSettings
+from sitl.faults import Event, Faults
+from sitl.mavlink.places import Origin
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
@@ -34,6 +37,8 @@ class EstimatorSettings(Settings, frozen=True):
     gyro_noise_rad_s: NotNegative = 0.002
     accelerometer_noise_m_s2: NotNegative = 0.05
     ready_after_s: NotNegative = 2.0
+    drift_ned_m_s: Vector3 = (0.0, 0.0, 0.0)
+    """A fault: the velocity is wrong by as much all the time, and the position walks away."""
 
 
 class BatterySettings(Settings, frozen=True):
@@ -42,6 +47,8 @@ class BatterySettings(Settings, frozen=True):
     capacity_mah: Positive = 1500.0
     charge_norm: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
     """State of charge at the start."""
+    limits_thrust: bool = False
+    """Whether the rotors' greatest thrust falls with the square of the voltage."""
 
 
 class SitlSettings(Settings, frozen=True):
@@ -49,6 +56,19 @@ class SitlSettings(Settings, frozen=True):
     physics_hz: Annotated[int, Meta(ge=250, le=2000)] = 300
     """A multiple of 50 (control), of 100 (motion capture) and of the camera's rate."""
     wind_ned_m_s: Vector3 = (0.0, 0.0, 0.0)
+    home: Origin = Origin()
+    gusts_w20_m_s: Annotated[float, Meta(ge=0.0, le=25.0)] = 0.0
+    """Turbulence that belongs to this mean wind at 20 ft; see ``sitl.environment.gusts``."""
+    ground_effect_norm: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.0
+    """Times the textbook's: 0 has none, 1 that of one rotor."""
+    parameters: dict[str, float] = field(default_factory=dict)
+    """Of the autopilot, by PX4's names, from the start on."""
+    faults: Faults = Faults()
+    """Present from the start."""
+    events: list[Event] = field(default_factory=list)
+    """Faults that begin later."""
     estimator: EstimatorSettings = EstimatorSettings()
     battery: BatterySettings = BatterySettings()
     camera: CameraSettings = CameraSettings()
+    link: LinkSettings = LinkSettings()
+    """The companion's, from the start: setpoints and commands one way, telemetry the other."""

@@ -12,6 +12,9 @@ from companion.kernel.frames import Vector3, quaternion_from_euler
 from companion.kernel.messages import LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
+from sitl.conditions import LinkConditions, link_rng
+from sitl.environment.surroundings import Surroundings
+from sitl.faults import check, inject, set_parameters
 from sitl.hull import (
     CRASH_SPEED_M_S,
     HULL_RADIUS_M,
@@ -20,15 +23,19 @@ from sitl.hull import (
     approach_speed_m_s,
     push_ned_n,
 )
+from sitl.sensors.nature import floor_along_m, surface_along_m
 from sitl.settings import SitlSettings
 
 _log = logging.getLogger(__name__)
 
+GUST_STREAM: Final = 4
+"""Key of the gusts' random numbers among those spawned from the seed."""
 MOCAP_HZ: Final = 100
 _MOCAP_KEPT: Final = 600 * MOCAP_HZ  # poses that wait for a reader; then the oldest go
 # Contact is looked for at every step of the physics when the hull is closer to the room than this,
 # or the feet to the floor in a fall.
 _NEAR_M: Final = 0.15
+_FAR_M: Final = 1000.0  # what no range finder sees
 _FLOOR: Final[Vector3] = (0.0, 0.0, -1.0)
 _LEVEL: Final = 0.9  # cosine of the steepest top that one can land on
 _FLOOR_CONTACT_M: Final = 0.002  # height of the feet; a loaded foot gives way by as much
@@ -59,7 +66,6 @@ class World:
         self._mocap_every = self.whole_steps(MOCAP_HZ, "motion capture rate")
         self._surfaces = surfaces
         self.airframe = Airframe(settings.airframe, settings.physics_hz, room.start_yaw_rad)
-        self._steady_wind_ned_m_s = settings.wind_ned_m_s
         north_m, east_m, floor_m = room.start_position_ned_m
         self.room_from_home_m: Vector3 = (north_m, east_m, floor_m - self.airframe.rest_height_m)
         self._ticks = self._read_ticks = 0
@@ -73,7 +79,17 @@ class World:
             settings.estimator,
             settings.battery,
         )
-        self._apply_parameters()
+        self.autopilot.sensors.floor_amsl_m = settings.home.amsl_m
+        self.autopilot.sensors.way_m = self._way_m
+        self.surroundings = Surroundings(
+            self.airframe,
+            self.autopilot,
+            settings,
+            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(GUST_STREAM,))),
+        )
+        self._events = deque(sorted(settings.events, key=lambda event: event.at_s))
+        self.link = LinkConditions(settings.link, link_rng(seed))
+        """Of the companion's link, whatever carries it."""
         self.mocap: deque[MocapPose] = deque(maxlen=_MOCAP_KEPT)
         self._walls, self._floor = ContactCounter(), ContactCounter()
         self._pushed = self._near = False
@@ -88,6 +104,14 @@ class World:
                 f"start.position_m: the hull reaches {-self.clearance_m:.2f} m into a wall; keep "
                 f"{HULL_RADIUS_M} m away from walls and furniture"
             )
+        self._begin(settings)
+
+    def _begin(self, settings: SitlSettings) -> None:
+        """What the plan wants from the start; what it wants later is checked now."""
+        set_parameters(self, settings.parameters)
+        inject(self, settings.faults)
+        for event in settings.events:
+            check(event)
 
     def whole_steps(self, rate_hz: float, what: str) -> int:
         """Steps of the physics in a period of ``rate_hz``. Raises PlanError unless it is whole."""
@@ -140,35 +164,14 @@ class World:
         self.airframe.step()
         self._ticks = ticks + 1
 
-    def set_wind(self, wind_ned_m_s: Vector3) -> None:
-        """Where the air moves to, in addition to what SIH_WIND_* make of it."""
-        self._steady_wind_ned_m_s = wind_ned_m_s
-        self._apply_parameters()
-
     def _control(self) -> None:
-        if self._physical_parameters() != self._physical:
-            self._apply_parameters()
-        command = self.autopilot.update(self._read())
+        while self._events and self._events[0].at_s <= self.time_s:
+            inject(self, self._events.popleft())
+        state = self._read()
+        self.surroundings.update(state)
+        command = self.autopilot.update(state)
         self.airframe.spin(command.spinning)
         self.airframe.command(*command.attitude)
-
-    def _physical_parameters(self) -> tuple[float, float, float, float, float]:
-        values = self.autopilot.parameters
-        return (
-            values["MC_ROLLRATE_K"],
-            values["MC_PITCHRATE_K"],
-            values["MC_YAWRATE_K"],
-            values["SIH_WIND_N"],
-            values["SIH_WIND_E"],
-        )
-
-    def _apply_parameters(self) -> None:
-        """Parameters that act on the airframe and the air. PX4 tells where wind comes from."""
-        self._physical = self._physical_parameters()
-        roll, pitch, yaw, from_north_m_s, from_east_m_s = self._physical
-        self.airframe.scale_rate_loops(roll, pitch, yaw)
-        north_m_s, east_m_s, down_m_s = self._steady_wind_ned_m_s
-        self.airframe.set_wind((north_m_s - from_north_m_s, east_m_s - from_east_m_s, down_m_s))
 
     def _read(self) -> AirframeState:
         """The state of this tick, in coordinates of home; read at most once."""
@@ -234,6 +237,13 @@ class World:
                 truth_collisions=self.collisions,
             )
         )
+
+    def _way_m(self, position_ned_m: Vector3, direction_ned: Vector3) -> float:
+        """From a place of the feet along a direction, both in coordinates of home, to a surface."""
+        north_m, east_m, down_m = self._in_room(position_ned_m)
+        feet_m = north_m, east_m, down_m + self.airframe.rest_height_m
+        to_floor_m = min(_FAR_M, floor_along_m(position_ned_m, direction_ned))
+        return surface_along_m(self._surfaces.nearest, feet_m, direction_ned, to_floor_m)
 
     def _clearance(self) -> tuple[float, Vector3]:
         """Distance of the hull from the room, and the direction that leads away from it."""

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.flight import LOG_NAME
 from companion.flightlog import FlightLog, Topic
 from companion.kernel.errors import PlanError, RecordingError
 from companion.kernel.messages import Decision, Percept, Phase
 from companion.kernel.settings import convert_settings
+from companion.logfolder import LOG_NAME
 from companion.plan import Plan
 from companion.scorecard import Scorecard
 from companion.switch import Choice

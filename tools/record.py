@@ -1,14 +1,19 @@
-"""Makes a recording in the EuRoC/ASL layout from a camera, a frame server or a flight log.
+"""Makes recordings in the EuRoC/ASL layout: of a camera, a frame server, a flight log or SITL.
 
 python -m tools.record tcp://127.0.0.1:14590 --out DIR --pairs 500
 python -m tools.record LOG/flight.mcap --out DIR --every 10
+python -m tools.record --all DIR
+
+The last one flies the plans room1, room2, office and corridor in lockstep and keeps what their
+cameras saw as DIR/room1 and so on, 20,000 pairs; those that are there already are left alone.
 """
 
 import argparse
 import asyncio
 import csv
+import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import aclosing
 from pathlib import Path
 
@@ -21,6 +26,8 @@ from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.clock import WallClock
 from companion.kernel.errors import EXIT_FLOWN, CompanionError, PlanError
 from companion.kernel.messages import StereoFrame
+from tools.arguments import count
+from tools.simulated import missing_logs
 
 EYES = ("cam0", "cam1")
 
@@ -83,7 +90,7 @@ def _sensor_yaml(
 
 async def record(source: str, folder: Path, pairs: int | None, every: int) -> int:
     """Writes every ``every``-th pair until the source ends; returns how many were written."""
-    count = 0
+    n_written = 0
     async with open_camera(source, WallClock()) as camera:
         writer = AslWriter(folder, camera.calibration)
         async with aclosing(camera.frames()) as frames:
@@ -91,39 +98,73 @@ async def record(source: str, folder: Path, pairs: int | None, every: int) -> in
             async for frame in frames:
                 if number % every == 0:
                     writer.write(frame)
-                    count += 1
+                    n_written += 1
                 number += 1
-                if pairs is not None and count >= pairs:
+                if pairs is not None and n_written >= pairs:
                     break
-    return count
+    return n_written
+
+
+def record_all(
+    folder: Path, words: Sequence[str], pairs: int | None, every: int
+) -> Iterator[tuple[Path, int]]:
+    """Each missing simulated recording as it is done, and how many pairs it holds."""
+    for name, log in missing_logs(folder, words):
+        unfinished = folder / f".{name}.unfinished"
+        shutil.rmtree(unfinished, ignore_errors=True)
+        count = asyncio.run(record(str(log), unfinished, pairs, every))
+        unfinished.rename(folder / name)
+        yield folder / name, count
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    args = _arguments(argv)
+    try:
+        if args.all:
+            for folder, n_pairs in record_all(args.all, args.set, args.pairs, args.every):
+                print(f"{folder}: {n_pairs} pairs", flush=True)
+        else:
+            n_pairs = asyncio.run(record(args.source, args.out, args.pairs, args.every))
+            print(f"{args.out}: {n_pairs} pairs")
+    except CompanionError as error:
+        print(f"record: {error}", file=sys.stderr)
+        return error.exit_code
+    except OSError as error:
+        print(
+            f"record: {args.all or args.out}: cannot be written: {error.strerror}", file=sys.stderr
+        )
+        return 1
+    except KeyboardInterrupt:
+        print(f"record: stopped; {args.all or args.out} holds what came", file=sys.stderr)
+        return 1
+    return EXIT_FLOWN
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m tools.record",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("source", help="what --camera of companion fly takes, or a recording")
-    parser.add_argument("--out", type=Path, required=True, help="new folder")
-    parser.add_argument("--pairs", type=int, help="stop after so many; default: all there are")
-    parser.add_argument("--every", type=int, default=1, help="keep one pair of so many")
+    parser.add_argument(
+        "source", nargs="?", help="what --camera of companion fly takes, or a recording"
+    )
+    goal = parser.add_mutually_exclusive_group(required=True)
+    goal.add_argument("--out", type=Path, help="new folder")
+    goal.add_argument("--all", type=Path, metavar="DIR", help="the simulated recordings, in here")
+    parser.add_argument("--pairs", type=count, help="stop after so many; default: all there are")
+    parser.add_argument("--every", type=count, default=1, help="keep one pair of so many")
+    parser.add_argument(
+        "--set",
+        nargs="+",
+        default=[],
+        metavar="KEY=VALUE",
+        help="with --all: override keys of the plans",
+    )
     args = parser.parse_args(argv)
-    if args.every < 1 or (args.pairs is not None and args.pairs < 1):
-        parser.error("--every and --pairs must be at least 1")
-    try:
-        count = asyncio.run(record(args.source, args.out, args.pairs, args.every))
-    except CompanionError as error:
-        print(f"record: {error}", file=sys.stderr)
-        return error.exit_code
-    except OSError as error:
-        print(f"record: {args.out}: cannot be written: {error.strerror}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print(f"record: stopped; {args.out} holds what came", file=sys.stderr)
-        return 1
-    print(f"{args.out}: {count} pairs")
-    return EXIT_FLOWN
+    if (args.source is None) != (args.all is not None):
+        parser.error("give a source with --out, and none with --all")
+    return args
 
 
 if __name__ == "__main__":

@@ -15,9 +15,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from companion.flight import LOG_NAME, SUMMARY_NAME
 from companion.kernel.errors import PlanError, RecordingError
 from companion.kernel.messages import Phase
+from companion.logfolder import LOG_NAME, SUMMARY_NAME
 from companion.summary import FLOWN_PHASES, format_figure, format_minutes
 from tools.drawing import run, save_table
 from tools.flown import FlownFlight

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from companion.camera.logged import LoggedRecording
-from companion.flight import MODEL_NAME
 from companion.kernel.errors import PlanError
 from companion.learner import Learner
+from companion.memory import MODEL_NAME
 from companion.modelfile import load_dictionary
 from companion.textons import MID_GREY, TextonDictionary, gradient_matrix, grid_places
 from tools.drawing import run, save_figure, save_table

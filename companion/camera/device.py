@@ -1,6 +1,7 @@
 """Stereo cameras and videos that OpenCV opens: both eyes side by side in one picture."""
 
 import asyncio
+import logging
 import threading
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -15,6 +16,11 @@ from companion.kernel.calibration import StereoCalibration
 from companion.kernel.clock import Clock
 from companion.kernel.errors import CameraError
 from companion.kernel.messages import StereoFrame
+
+CLOSE_LIMIT_S = 3.0
+"""Wall time for a driver to return the frame that was asked for."""
+
+logger = logging.getLogger(__name__)
 
 
 class SideBySide:
@@ -96,7 +102,8 @@ class DeviceStereoCamera:
         self._name = f"device:{source}"
         self._source = source
         self._clock = clock
-        self._thread = threading.Thread(target=self._grab, name="camera")
+        # A daemon: a driver that hangs must not keep the process from ending.
+        self._thread = threading.Thread(target=self._grab, name="camera", daemon=True)
         self._stopping = threading.Event()
         self._arrived = asyncio.Event()
         self._newest: StereoFrame | None = None
@@ -117,7 +124,9 @@ class DeviceStereoCamera:
         traceback: TracebackType | None,
     ) -> None:
         self._stopping.set()
-        await asyncio.to_thread(self._thread.join)
+        await asyncio.to_thread(self._thread.join, CLOSE_LIMIT_S)
+        if self._thread.is_alive():
+            logger.warning("%s: the driver hangs; left behind", self._name)
 
     async def frames(self) -> AsyncIterator[StereoFrame]:
         """Each newest frame once. Raises CameraError when the camera stops or sends other sizes."""

@@ -1,23 +1,22 @@
 """What ``--camera`` may say, and the cameras that it opens."""
 
 from collections.abc import Collection
+from os.path import exists
 from pathlib import Path
 from typing import NamedTuple
 
+from companion.camera.calibration_file import load_calibration
 from companion.camera.device import DeviceStereoCamera, VideoStereoCamera
-from companion.camera.recording import open_recording
+from companion.camera.recording import CALIBRATION_WORD, VIDEO_SUFFIXES, open_recording
 from companion.camera.remote import RemoteCamera
 from companion.camera.replay import ReplayCamera
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.clock import Clock
 from companion.kernel.errors import PlanError
 from companion.kernel.protocols import StereoCamera
-from companion.kernel.settings import convert_settings, read_toml
 
-VIDEO_SUFFIXES = frozenset({".avi", ".mkv", ".mov", ".mp4", ".webm"})
 REMOTE_SCHEMES = ("tcp://", "ipc://")
 _DEVICE = "device:"
-_CALIBRATION = "?calibration="
 _FORMS = (
     "tcp://HOST:PORT, device:N?calibration=FILE, VIDEO?calibration=FILE, "
     "a recording's folder or a flight log (.mcap)"
@@ -51,7 +50,7 @@ class VideoSpec(NamedTuple):
 
 
 class RecordedSpec(NamedTuple):
-    """A folder or file that holds its own calibration."""
+    """A folder or file, with the word for its calibration where it does not hold its own."""
 
     path: Path
 
@@ -65,18 +64,18 @@ def parse_camera(spec: str, simulators: Collection[str] = ("sitl",)) -> CameraSp
         return SimulatedSpec(spec)
     if spec.startswith(REMOTE_SCHEMES):
         return RemoteSpec(spec)
-    source, _, calibration = spec.partition(_CALIBRATION)
+    source, _, calibration = spec.partition(CALIBRATION_WORD)
     if source.startswith(_DEVICE):
         name = source.removeprefix(_DEVICE)
         return DeviceSpec(int(name) if name.isdecimal() else name, _calibration(spec, calibration))
     path = Path(source)
-    if not path.exists():
+    if not exists(path):  # also False for a name that no file system takes
         raise PlanError(
             f"--camera {spec}: no such file; allowed: {', '.join(simulators)}, {_FORMS}"
         )
     if path.suffix.lower() in VIDEO_SUFFIXES:
         return VideoSpec(path, _calibration(spec, calibration))
-    return RecordedSpec(path)
+    return RecordedSpec(Path(spec))
 
 
 def open_camera(spec: str, clock: Clock) -> StereoCamera:
@@ -94,16 +93,7 @@ def open_camera(spec: str, clock: Clock) -> StereoCamera:
             raise PlanError(f"--camera {simulator}: only together with --vehicle {simulator}")
 
 
-def load_calibration(path: Path) -> StereoCalibration:
-    """A StereoCalibration written as TOML. Raises PlanError: file, key and what is allowed."""
-    calibration = convert_settings(read_toml(path), StereoCalibration, str(path))
-    for name in ("width_px", "height_px", "baseline_m"):
-        if getattr(calibration, name) <= 0:
-            raise PlanError(f"{path}: {name}: {getattr(calibration, name)}, must be above 0")
-    return calibration
-
-
 def _calibration(spec: str, path: str) -> StereoCalibration:
     if not path:
-        raise PlanError(f"--camera {spec}: needs its geometry; append {_CALIBRATION}FILE.toml")
+        raise PlanError(f"--camera {spec}: needs its geometry; append {CALIBRATION_WORD}FILE.toml")
     return load_calibration(Path(path))

@@ -26,6 +26,11 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 DAMAGE = (McapError, ZstdError, struct.error, ValueError, OverflowError, MemoryError)
 """What the MCAP reader raises where the bytes end or make no sense."""
+NONSENSE = (
+    msgspec.MsgspecError, AttributeError, LookupError, OverflowError, RecursionError, TypeError,
+    ValueError,
+)  # fmt: skip
+"""What comes of a record that is not one: damaged JSON, or other JSON than was declared."""
 
 log = logging.getLogger(__name__)
 
@@ -55,7 +60,7 @@ class FlightLog:
         for _, message in self._messages({topic}):
             try:
                 yield msgspec.convert(restore(msgspec.json.decode(message.data)), kind)
-            except msgspec.MsgspecError as error:
+            except NONSENSE as error:
                 raise RecordingError(
                     f"{self.path}: {topic}: not a {kind.__name__}: {error}"
                 ) from error
@@ -63,7 +68,11 @@ class FlightLog:
     def columns(self, topic: str) -> dict[str, NDArray[Any]]:
         """A topic as a table: (n,) per field, (n, k) for vectors; null is NaN."""
         self._require(topic)
-        return table([msgspec.json.decode(message.data) for _, message in self._messages({topic})])
+        messages = self._messages({topic})
+        try:
+            return table([msgspec.json.decode(message.data) for _, message in messages])
+        except NONSENSE as error:
+            raise RecordingError(f"{self.path}: {topic}: not a table: {error}") from error
 
     def log_times_ns(self, topic: str) -> NDArray[np.int64]:
         """When each record of a topic was logged, on the log's own time line, of shape (n,).

@@ -3,7 +3,7 @@
 import logging
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Literal, Self
+from typing import Any, Literal, Self
 
 import cv2
 import msgspec
@@ -11,6 +11,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
+from companion.flightlog.background import BackgroundFile
 from companion.flightlog.records import (
     METADATA_NAME,
     VIEWS,
@@ -24,11 +25,13 @@ from companion.flightlog.records import (
 )
 from companion.flightlog.schema import encodable, json_schema
 from companion.kernel.errors import RecordingError
-from companion.kernel.messages import StereoFrame
+from companion.kernel.messages import Event, StereoFrame
 
 CHUNK_BYTES = 256 * 1024  # compressed in one go: about a millisecond
-FLUSH_INTERVAL_NS = 1_000_000_000  # what a killed process may lose
-FILE_BUFFER_BYTES = 64 * 1024
+FLUSH_INTERVAL_NS = 500_000_000  # a killed process may lose this, and what is on its way
+IMAGES_ROOM_BYTES = 32 * 1024 * 1024
+RECORDS_ROOM_BYTES = 48 * 1024 * 1024
+"""Images, and later records, are left out while more than this waits for a slow disk."""
 PNG_FASTEST = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE)
 
 log = logging.getLogger(__name__)
@@ -37,14 +40,20 @@ log = logging.getLogger(__name__)
 class FlightLogWriter:
     """The log of one flight; opened by the constructor, closed by ``close`` or ``with``.
 
-    The same calls give the same bytes. Chunks reach the operating system at least once per second
-    of log time, so a killed process loses no more than that. When the file cannot be written any
-    more, the call that noticed raises RecordingError; later records are dropped, so that whoever
-    caught it can still land.
+    The same calls give the same bytes. A thread hands chunks to the operating system at least
+    twice per second of log time, so a killed process loses no more than the last second. When the
+    file cannot be written any more, the next call raises RecordingError; later records are
+    dropped, so that whoever caught it can still land. A disk that is too slow costs images first
+    and then records, which is said in an event as soon as there is room again; a ``patient`` log
+    waits for it instead.
     """
 
     def __init__(
-        self, path: Path, metadata: FlightMetadata, images: Literal["off", "stereo"] = "off"
+        self,
+        path: Path,
+        metadata: FlightMetadata,
+        images: Literal["off", "stereo"] = "off",
+        patient: bool = False,
     ) -> None:
         """Raises RecordingError when the file cannot be made."""
         self.path = path
@@ -53,16 +62,18 @@ class FlightLogWriter:
         self._channels: dict[str, tuple[int, type, View | None]] = {}
         self._schemas: dict[type, int] = {}
         self._view_due_ns: dict[str, int] = {}
-        self._file: BinaryIO | None = None
+        self._pairs_lost = self._records_lost = 0
+        self._patient = patient
+        self._file: BackgroundFile | None = None
         self._mcap: Any  # its finish and flush carry no types
         try:
-            self._file = path.open("wb", buffering=FILE_BUFFER_BYTES)
-            self._mcap = Writer(
-                self._file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD
-            )
+            self._file = BackgroundFile(path, patient)
+            stream: Any = self._file  # of a stream, no more is needed than it has
+            self._mcap = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
             self._mcap.start(profile="", library="mono-companion")
             self._mcap.add_metadata(METADATA_NAME, _json_fields(metadata))
             self._flush(log_time_ns=-FLUSH_INTERVAL_NS)
+            self._file.drain()
         except OSError as error:
             self._give_up(error)
 
@@ -90,8 +101,12 @@ class FlightLogWriter:
         """
         if self._file is None:
             return
+        if not self._has_room(RECORDS_ROOM_BYTES):
+            self._records_lost += 1
+            return
         if log_time_ns is None:
             log_time_ns = record.stamp_ns
+        self._tell_losses(log_time_ns)
         try:
             channel_id, kind, view = self._channels.get(topic) or self._open(topic, type(record))
             if type(record) is not kind:
@@ -107,6 +122,9 @@ class FlightLogWriter:
     def write_frame(self, frame: StereoFrame, log_time_ns: int | None = None) -> None:
         """Appends both eyes, lossless, where the plan asks for images; else does nothing."""
         if self._images == "off" or self._file is None:
+            return
+        if not self._has_room(IMAGES_ROOM_BYTES):
+            self._pairs_lost += 1
             return
         if log_time_ns is None:
             log_time_ns = frame.stamp_ns
@@ -128,6 +146,26 @@ class FlightLogWriter:
             self._file = None
         except OSError as error:
             self._give_up(error)
+        if self._pairs_lost or self._records_lost:
+            log.warning("%s: %s", self.path, self._losses())
+
+    def _has_room(self, limit_bytes: int) -> bool:
+        assert self._file is not None
+        return self._patient or self._file.waiting_bytes <= limit_bytes
+
+    def _losses(self) -> str:
+        return (
+            f"the disk is too slow: {self._pairs_lost} stereo pairs and {self._records_lost} "
+            "records were left out"
+        )
+
+    def _tell_losses(self, log_time_ns: int) -> None:
+        """In the log itself, once there is room for what was too much."""
+        if (self._pairs_lost or self._records_lost) and self._has_room(IMAGES_ROOM_BYTES // 2):
+            text = self._losses()
+            self._pairs_lost = self._records_lost = 0
+            log.warning("%s: %s", self.path, text)
+            self.write(Topic.EVENT, Event(stamp_ns=log_time_ns, severity="warning", text=text))
 
     def _append(
         self, channel_id: int, record: object, log_time_ns: int, publish_time_ns: int

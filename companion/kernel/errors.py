@@ -10,6 +10,10 @@ class CompanionError(Exception):
 
     exit_code = EXIT_FAILED
 
+    def __str__(self) -> str:
+        """One line, whatever of the input is quoted in it."""
+        return " ".join(super().__str__().splitlines())
+
 
 class PlanError(CompanionError):
     """A plan, room, model or option is not what it must be; found before anything moves."""

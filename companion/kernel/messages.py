@@ -29,12 +29,14 @@ class FlightMode(StrEnum):
     UNKNOWN = "unknown"
     MANUAL = "manual"
     POSITION = "position"
+    ALTITUDE = "altitude"
     TAKEOFF = "takeoff"
     HOLD = "hold"
     MISSION = "mission"
     RTL = "rtl"
     LAND = "land"
     OFFBOARD = "offboard"
+    ORBIT = "orbit"
 
 
 class LandedState(StrEnum):

@@ -94,6 +94,8 @@ class Rig(NamedTuple):
     camera: StereoCamera
     clock: Clock
     mocap: MotionCapture | None = None
+    patient: bool = False
+    """The world waits for the companion, so that nothing need be left out for want of time."""
 
 
 class Endpoints(NamedTuple):

@@ -29,6 +29,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise PlanError(f"{path}: cannot be read: {error}") from error
     except tomllib.TOMLDecodeError as error:
         raise PlanError(f"{path}: not valid TOML: {error}") from error
+    except RecursionError:
+        raise PlanError(f"{path}: not valid TOML: nested too deeply") from None
+    except ValueError as error:  # a path that no system takes
+        raise PlanError(f"{path}: cannot be read: {error}") from error
 
 
 def convert_settings(table: dict[str, Any], kind: type[T], source: str) -> T:

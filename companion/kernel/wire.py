@@ -106,7 +106,7 @@ def _decoded(decoder: msgspec.msgpack.Decoder[_Header], part: bytes) -> _Header:
         version = msgspec.msgpack.decode(part, type=_Version).version
         _expect("version", WIRE_VERSION, version)
         return decoder.decode(part)
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise CameraError(f"camera message: damaged header: {error}") from error
 
 

@@ -38,6 +38,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         batch: int = 32,
         n_steps: int = 2,
         capacity: int = 20_000,
+        balance: float = 0.5,
         random_state: int = 0,
     ) -> None:
         self.hidden = hidden
@@ -45,6 +46,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         self.batch = batch
         self.n_steps = n_steps
         self.capacity = capacity
+        self.balance = balance
         self.random_state = random_state
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
@@ -172,7 +174,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
             # A generator per step: a restored model goes on as the original would.
             rng = np.random.default_rng([self.random_state, self.network_.n_steps])
             draws = rng.random(self.n_networks * self.batch)
-            chosen = _draw_evenly(self.targets_[:n_kept], draws)
+            chosen = draw_evenly(self.targets_[:n_kept], draws, self.balance)
             inputs = self.inputs_.apply(self.samples_[chosen].astype(np.float32))
             wanted = self.outputs_.apply(self.targets_[chosen, np.newaxis])[:, 0]
             shape = (self.n_networks, self.batch)
@@ -180,16 +182,16 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
             self.network_.step(batch, wanted.reshape(shape), rng)
 
 
-@njit("i8[::1](f8[::1], f8[::1])", cache=True, nogil=True)
-def _draw_evenly(targets, draws):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
-    """Rows for ``draws`` in [0, 1): a row weighs the inverse of how many are like it."""
+@njit("i8[::1](f8[::1], f8[::1], f8)", cache=True, nogil=True)
+def draw_evenly(targets, draws, balance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - numba finds the types
+    """Rows for ``draws`` in [0, 1): a row weighs the share of rows like it to ``-balance``."""
     least, most = targets.min(), targets.max()
     per_px = (BINS - 1e-6) / max(most - least, 1e-9)
     counts = np.zeros(BINS)
     for target in targets:
         counts[int((target - least) * per_px)] += 1.0
     # As a share of all, with a floor: a single odd sample must not fill every batch.
-    weights = 1.0 / (counts / len(targets) + 0.01)
+    weights = (counts / len(targets) + 0.01) ** -balance
     total = np.empty(len(targets))
     running = 0.0
     for row in range(len(targets)):

@@ -18,6 +18,7 @@ from mavsdk.plugins.offboard import Offboard, OffboardError, VelocityBodyYawspee
 from mavsdk.plugins.telemetry import Telemetry as TelemetryPlugin
 from mavsdk.plugins.telemetry import TelemetryError
 
+from companion.kernel.attempts import attempt
 from companion.kernel.clock import Clock, wall_s
 from companion.kernel.errors import LinkError, VehicleError
 from companion.kernel.messages import FlightMode, LandedState, Setpoint, Telemetry
@@ -29,6 +30,10 @@ logger = logging.getLogger(__name__)
 
 POLL_PERIOD_S = 0.05
 ARM_RETRY_PERIOD_S = 0.5
+ASKED_TIMES = 3
+"""By us; MAVSDK itself sends a command four times, half a second apart, before it gives up."""
+OFFBOARD_TRIES = 3
+"""On a bad link the command may overtake the first setpoint, and is refused then."""
 HEIGHT_TOLERANCE_M = 0.3
 ARMED_LAG_S = 2.0
 """`armed` comes with heartbeats at 1 Hz; for this long after arming, a "no" may be old."""
@@ -118,8 +123,7 @@ class MavsdkVehicle:
 
     async def start_offboard(self, setpoint: Setpoint) -> None:
         await self.send(setpoint)
-        await _ask("start offboard", self._offboard.start)
-        await self._confirm_mode(FlightMode.OFFBOARD, lambda: self._put(setpoint))
+        await attempt(OFFBOARD_TRIES, VehicleError, lambda: self._start_offboard(setpoint))
 
     async def send(self, setpoint: Setpoint) -> None:
         """Raises VehicleError when the deadman has taken over."""
@@ -142,6 +146,10 @@ class MavsdkVehicle:
         await _ask("land", self._action.land)
         self._deadman.rest()
         await self._confirm("disarmed", _is_disarmed, self._settings.land_limit_s)
+
+    async def _start_offboard(self, setpoint: Setpoint) -> None:
+        await _ask("start offboard", self._offboard.start)
+        await self._confirm_mode(FlightMode.OFFBOARD, lambda: self._put(setpoint))
 
     async def _connect(self) -> None:
         limit_s = self._settings.heartbeat_limit_s
@@ -235,8 +243,12 @@ class _Emergency:
 async def _ask(
     what: str, request: Callable[_P, object], *arguments: _P.args, **named: _P.kwargs
 ) -> None:
-    """A blocking request, on a thread."""
-    await asyncio.to_thread(lambda: _call(what, request, *arguments, **named))
+    """A blocking request, on a thread. Raises LinkError when no answer comes however often."""
+
+    def call() -> None:
+        _call(what, request, *arguments, **named)
+
+    await attempt(ASKED_TIMES, LinkError, lambda: asyncio.to_thread(call))
 
 
 def _call(

@@ -17,7 +17,7 @@ FLIGHT_MODES: dict[str, FlightMode] = {
     "MANUAL": FlightMode.MANUAL,
     "STABILIZED": FlightMode.MANUAL,
     "ACRO": FlightMode.MANUAL,
-    "ALTCTL": FlightMode.POSITION,
+    "ALTCTL": FlightMode.ALTITUDE,
     "POSCTL": FlightMode.POSITION,
     "TAKEOFF": FlightMode.TAKEOFF,
     "HOLD": FlightMode.HOLD,
@@ -99,7 +99,9 @@ class TelemetrySlots:
         self._landed_state = LANDED_STATES.get(state.name, LandedState.UNKNOWN)
 
     def on_battery(self, battery: MavsdkData, _: object) -> None:
-        self._battery_norm = battery.remaining_percent / 100.0
+        """Less than nothing means that the autopilot does not measure it."""
+        percent = battery.remaining_percent
+        self._battery_norm = percent / 100.0 if percent >= 0.0 else NAN
 
     def on_health(self, health: MavsdkData, _: object) -> None:
         missing = [

@@ -95,7 +95,7 @@ class RoomSettings(Settings, frozen=True):
     size_m: tuple[Positive, Positive, Positive]
     seed: Annotated[int, Meta(ge=0)] = 1
     """Of everything painted in this room; the same seed paints the same room."""
-    texel_m: Annotated[float, Meta(ge=0.001, le=0.05)] = 0.004
+    texel_m: Annotated[float, Meta(ge=0.001, le=0.2)] = 0.004
     """Size of the finest detail that is painted."""
     start: StartSettings = StartSettings()
     light: LightSettings = LightSettings()

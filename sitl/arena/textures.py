@@ -3,6 +3,7 @@
 import importlib.util
 import math
 from collections.abc import Callable
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,7 @@ def paint_texture(
 def _picture_path(texture: str, key: str, folder: Path) -> Path:
     if not texture.startswith(PHOTO):
         path = folder / texture
-        if not path.is_file():
+        if not isfile(path):
             raise PlanError(f"{key}: no picture {path}")
         return path
     name = texture.removeprefix(PHOTO)
@@ -78,7 +79,7 @@ def _picture_path(texture: str, key: str, folder: Path) -> Path:
         raise PlanError(f"{key}: {texture!r} needs scikit-image; pip install scikit-image")
     photos = Path(spec.origin).parent / "data"
     path = photos / f"{name}.png"
-    if not path.is_file():
+    if not isfile(path):
         allowed = ", ".join(sorted(photo.stem for photo in photos.glob("*.png")))
         raise PlanError(f"{key}: scikit-image ships no photograph {name!r}; allowed: {allowed}")
     return path

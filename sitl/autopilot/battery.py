@@ -3,6 +3,7 @@
 from typing import Final
 
 from sitl.autopilot.parameters import Number
+from sitl.failures import Failures, Unit
 from sitl.settings import BatterySettings
 
 # Open-circuit voltage of a cell over its state of charge: typical lithium-polymer discharge curve.
@@ -17,13 +18,25 @@ _ROTOR_A: Final = 4.6 / 4.0 / 0.507**1.5
 class Battery:
     """BAT1_R_INTERNAL is of the whole pack with its cable."""
 
-    def __init__(self, settings: BatterySettings, parameters: dict[str, Number]) -> None:
+    def __init__(
+        self, settings: BatterySettings, parameters: dict[str, Number], failures: Failures
+    ) -> None:
         self._parameters = parameters
+        self._failures = failures
         self._capacity_as = settings.capacity_mah * 3.6
-        self.charge_norm = settings.charge_norm
+        self._left_norm = settings.charge_norm
         self.current_a = _BOARDS_A
         self.voltage_v = 0.0
         self.update((0.0, 0.0, 0.0, 0.0), 0.0)
+
+    @property
+    def charge_norm(self) -> float:
+        """State of charge; a battery that fails is empty at once, as in PX4's simulator."""
+        return self._left_norm if self._failures.works(Unit.BATTERY) else 0.0
+
+    @charge_norm.setter
+    def charge_norm(self, charge_norm: float) -> None:
+        self._left_norm = charge_norm
 
     @property
     def enough_to_arm(self) -> bool:
@@ -37,8 +50,8 @@ class Battery:
         rotors = a * a**0.5 + b * b**0.5 + c * c**0.5 + d * d**0.5
         self.current_a = _BOARDS_A + _ROTOR_A * rotors
         drained = self.current_a * step_s / self._capacity_as
-        least = min(self.charge_norm, self._parameters["SIM_BAT_MIN_PCT"] * 0.01)
-        self.charge_norm = max(least, self.charge_norm - drained)
+        least = min(self._left_norm, self._parameters["SIM_BAT_MIN_PCT"] * 0.01)
+        self._left_norm = max(least, self._left_norm - drained)
         self.voltage_v = (
             self._parameters["BAT1_N_CELLS"] * _open_circuit_v(self.charge_norm)
             - self.current_a * self._parameters["BAT1_R_INTERNAL"]

@@ -19,7 +19,7 @@ _DRAG_1_S: Final = 0.54  # 0.25 N s/m over 0.46 kg (aerodynamics.xml): known, so
 _TILT_LAG_S: Final = 0.15  # from a wanted acceleration to the tilt that gives it (airframe's loops)
 _JERK_VERTICAL_M_S3: Final = 15.0
 _YAW_JERK_RAD_S3: Final = 40.0
-_LEVEL_INTEGRAL_LIMIT_M_S2: Final = 2.0  # of wind; a wall it leans on must not wind it up more
+_LEVEL_INTEGRAL_LIMIT_M_S2: Final = 4.0  # 7 m/s of wind; a wall it leans on winds up no more
 _DOWN_INTEGRAL_LIMIT_M_S2: Final = 4.0  # of a battery or rotor that gives less than expected
 _HEADING_LATCH_RAD_S: Final = 0.02  # a turn is over when its reference is slower than this
 

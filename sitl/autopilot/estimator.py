@@ -1,100 +1,146 @@
-"""The state estimate: truth, plus errors that an indoor vehicle without satellites would have."""
+"""The state estimate, and what may be said of it: which senses it stands on, how good it is."""
 
 import math
 from typing import Final
 
 import numpy as np
 
-from companion.kernel.frames import wrap_angle_rad
-from sitl.airframe import AirframeState
+from sitl.airframe import GRAVITY_M_S2, AirframeState
+from sitl.autopilot.estimation.dead_reckoning import (
+    ALL_SENSES,
+    BAROMETER_ERROR_M,
+    DeadReckoning,
+    Senses,
+)
+from sitl.autopilot.estimation.external_vision import ExternalVision
+from sitl.autopilot.estimation.quality import Quality
+from sitl.autopilot.estimation.vision_sample import VisionSample
 from sitl.autopilot.interface import Estimate
+from sitl.autopilot.parameters import Number
+from sitl.failures import Failures, Unit
 from sitl.settings import EstimatorSettings
 
-_DRAWS_PER_UPDATE: Final = 15
-_BLOCK_UPDATES: Final = 256
-
-
-class _Wander:
-    """First-order Gauss-Markov error: standard deviation kept, correlation time given."""
-
-    def __init__(self, deviation: float, time_s: float, step_s: float) -> None:
-        self._keep = math.exp(-step_s / time_s)
-        self._kick = deviation * math.sqrt(1.0 - self._keep * self._keep)
-        self.value = 0.0
-
-    def step(self, draw: float) -> float:
-        self.value = self._keep * self.value + self._kick * draw
-        return self.value
+_RECENT_S: Final = 0.5  # after its last use a source still counts as one
 
 
 class Estimator:
-    """Errors start at zero, so that home is where the vehicle stands, and wander from there."""
+    """Dead reckoning, mended by external vision where a client sends it."""
 
     def __init__(
-        self, settings: EstimatorSettings, update_hz: int, rng: np.random.Generator
+        self,
+        settings: EstimatorSettings,
+        update_hz: int,
+        rng: np.random.Generator,
+        parameters: dict[str, Number],
+        failures: Failures,
+        start: AirframeState,
     ) -> None:
         self._settings = settings
-        self._rng = rng
-        self._step_s = step_s = 1.0 / update_hz
-        self._draws: list[list[float]] = []
-        bias = settings.velocity_bias_m_s, settings.velocity_bias_time_s
-        attitude = math.radians(settings.attitude_error_deg), settings.attitude_error_time_s
-        yaw = math.radians(settings.yaw_error_deg), settings.yaw_error_time_s
-        self._bias_north = _Wander(*bias, step_s)
-        self._bias_east = _Wander(*bias, step_s)
-        self._height = _Wander(settings.height_error_m, settings.height_error_time_s, step_s)
-        self._roll = _Wander(*attitude, step_s)
-        self._pitch = _Wander(*attitude, step_s)
-        self._yaw = _Wander(*yaw, step_s)
-        self._drift_north_m = 0.0
-        self._drift_east_m = 0.0
+        self._parameters = parameters
+        self._failures = failures
+        self._step_s = 1.0 / update_hz
+        self.reckoning = DeadReckoning(settings, update_hz, rng)
+        self.vision = ExternalVision(parameters)
+        self._senses = ALL_SENSES
         self._start_s = 0.0
+        self._level_aided_s = self._height_aided_s = start.time_s
+        self.level_valid = self.height_valid = True
+        """Whether anything but accelerations told of this motion within EKF2_NOAID_TOUT."""
+        self.estimate = self.update(start)
 
     def restart(self, time_s: float) -> None:
         """Begins to settle again; local positions still count from the first start."""
-        self._start_s = time_s
+        self._start_s = self._level_aided_s = self._height_aided_s = time_s
+        self.vision.forget()
 
     def ready(self, time_s: float) -> bool:
         """Whether the estimate may be flown on: it needs some seconds at rest after boot."""
-        return time_s - self._start_s >= self._settings.ready_after_s
+        settled = time_s - self._start_s >= self._settings.ready_after_s
+        return settled and self.level_valid and self.height_valid
+
+    def take_vision(self, sample: VisionSample, now_s: float) -> None:
+        """A client's measurement, as it comes."""
+        if self._failures.works(Unit.VISION):
+            self.vision.take(sample, now_s)
 
     def update(self, truth: AirframeState) -> Estimate:
         """The estimate of one moment; to be called at the rate given at the start."""
-        draw = self._next_draws()
-        bias_north = self._bias_north.step(draw[0])
-        bias_east = self._bias_east.step(draw[1])
-        self._drift_north_m += bias_north * self._step_s
-        self._drift_east_m += bias_east * self._step_s
-        north, east, down = truth.position_ned_m
-        v_north, v_east, v_down = truth.velocity_ned_m_s
-        roll, pitch, yaw = truth.euler_rad
-        p, q, r = truth.rates_frd_rad_s
-        a_x, a_y, a_z = truth.specific_force_frd_m_s2
-        v_noise = self._settings.velocity_noise_m_s
-        gyro = self._settings.gyro_noise_rad_s
-        force = self._settings.accelerometer_noise_m_s2
-        return Estimate(
-            truth.time_s,
-            (
-                north + self._drift_north_m,
-                east + self._drift_east_m,
-                down + self._height.step(draw[2]),
-            ),
-            (
-                v_north + bias_north + v_noise * draw[6],
-                v_east + bias_east + v_noise * draw[7],
-                v_down + v_noise * draw[8],
-            ),
-            roll + self._roll.step(draw[3]),
-            pitch + self._pitch.step(draw[4]),
-            wrap_angle_rad(yaw + self._yaw.step(draw[5])),
-            (p + gyro * draw[9], q + gyro * draw[10], r + gyro * draw[11]),
-            (a_x + force * draw[12], a_y + force * draw[13], a_z + force * draw[14]),
+        senses = self._sense()
+        estimate, vision = self.reckoning.update(truth, senses), self.vision
+        if vision.begun:
+            estimate = vision.update(estimate, self._step_s, senses.flow)
+        if senses is ALL_SENSES:
+            self._level_aided_s = self._height_aided_s = estimate.time_s
+            self.level_valid = self.height_valid = True
+        else:
+            self._judge(senses, estimate.time_s)
+        self.estimate = estimate
+        return estimate
+
+    def _judge(self, senses: Senses, time_s: float) -> None:
+        """What is still known while some senses fail."""
+        level_s, height_s = self.vision.level_used_s, self.vision.down_used_s
+        if senses.flow:
+            level_s = time_s
+        if senses.range_finder or senses.barometer:
+            height_s = time_s
+        self._level_aided_s = max(self._level_aided_s, level_s)
+        self._height_aided_s = max(self._height_aided_s, height_s)
+        patience_s = self._parameters["EKF2_NOAID_TOUT"] * 1e-6
+        self.level_valid = time_s - self._level_aided_s <= patience_s
+        self.height_valid = time_s - self._height_aided_s <= patience_s
+
+    def quality(self) -> Quality:
+        vision, settings, time_s = self.vision, self._settings, self.estimate.time_s
+        level_m, level_m_s = self._walked(time_s)
+        yaw_rad = math.radians(settings.yaw_error_deg)
+        height_m = settings.height_error_m if self._senses.range_finder else BAROMETER_ERROR_M
+        if vision.level_used_s > -math.inf:
+            level_m, level_m_s = vision.level_deviations
+        if vision.yaw_used_s > -math.inf:
+            yaw_rad = math.sqrt(vision.yaw.variance)
+        return Quality(
+            level_valid=self.level_valid,
+            height_valid=self.height_valid,
+            absolute=time_s - vision.level_used_s <= _RECENT_S,
+            level_deviation_m=level_m,
+            height_deviation_m=math.hypot(height_m, math.sqrt(vision.down.variance)),
+            velocity_deviation_m_s=math.hypot(level_m_s, settings.velocity_noise_m_s),
+            tilt_deviation_rad=math.radians(settings.attitude_error_deg),
+            yaw_deviation_rad=yaw_rad,
+            ratios=vision.ratios,
+            resets=vision.resets,
         )
 
-    def _next_draws(self) -> list[float]:
-        """Standard normal numbers; drawn in blocks, because a call costs more than a number."""
-        if not self._draws:
-            block = self._rng.standard_normal((_BLOCK_UPDATES, _DRAWS_PER_UPDATE))
-            self._draws = block[::-1].tolist()
-        return self._draws.pop()
+    def _sense(self) -> Senses:
+        """What works and is wanted now; asked at every step, so all at once is the quick answer."""
+        parameters, failures = self._parameters, self._failures
+        flow = parameters["EKF2_OF_CTRL"] == 1
+        range_finder = parameters["EKF2_RNG_CTRL"] != 0
+        barometer = parameters["EKF2_BARO_CTRL"] == 1
+        magnetometer = parameters["SYS_HAS_MAG"] != 0
+        if flow and range_finder and barometer and magnetometer and failures.none:
+            senses = ALL_SENSES
+        else:
+            senses = Senses(
+                flow and failures.works(Unit.OPTICAL_FLOW),
+                range_finder and failures.works(Unit.RANGE_FINDER),
+                barometer and failures.works(Unit.BAROMETER),
+                magnetometer and failures.works(Unit.MAGNETOMETER),
+            )
+        if senses is not self._senses:
+            self.vision.shift_velocity(*self.reckoning.regain(self._senses, senses))
+            self._senses = senses
+        return senses
+
+    def _walked(self, time_s: float) -> tuple[float, float]:
+        """(position, velocity): standard deviations on the level of dead reckoning since start."""
+        deviation, memory_s = self._settings.velocity_bias_m_s, self._settings.velocity_bias_time_s
+        kept_s = memory_s * (1.0 - math.exp(-time_s / memory_s))
+        walked_m = deviation * math.sqrt(2.0 * memory_s * (time_s - kept_s))
+        alone_s = time_s - self._level_aided_s
+        tilted_m_s2 = GRAVITY_M_S2 * math.radians(self._settings.attitude_error_deg)
+        return (
+            math.hypot(walked_m, 0.5 * tilted_m_s2 * alone_s * alone_s),
+            math.hypot(deviation, tilted_m_s2 * alone_s),
+        )

@@ -19,6 +19,8 @@ from sitl.autopilot.reactions import (
     on_link_loss,
     on_low_battery,
     on_offboard_loss,
+    on_position_loss,
+    without_position,
 )
 
 _DELAY_REGROWTH: Final = 0.25  # s of delay won back per second without one, as PX4
@@ -42,6 +44,10 @@ class Situation(NamedTuple):
     estimate: Estimate
     battery_norm: float
     inside_fence: bool
+    level_valid: bool = True
+    """Whether the estimator knows where the vehicle is."""
+    by_attitude: bool = False
+    """Whether offboard mode flies an attitude, which needs no place."""
 
 
 class Failsafe:
@@ -93,6 +99,8 @@ class Failsafe:
         if self.action > Action.HOLD or self._taken_over:
             self.hold_left_s = 0.0
         self.action = self._select(now.mode, step_s)
+        if not now.level_valid:
+            self.action = without_position(self.action)
         return new
 
     def words(self, before: Action) -> str | None:
@@ -132,6 +140,10 @@ class Failsafe:
             yield "No offboard setpoints", on_offboard_loss(value, not inputs.sticks_lost)
         if inputs.sticks_lost and self._needs_sticks(now.mode):
             yield "Manual control lost", on_link_loss(int(parameters["NAV_RCL_ACT"]))
+        if not now.level_valid and self._needs_place(now):
+            by_hand = now.mode is FlightMode.POSITION and not inputs.sticks_lost
+            value = int(parameters["COM_POSCTL_NAVL"])
+            yield "No valid position estimate", on_position_loss(value, by_hand)
         if inputs.ground_station_lost and now.mode is not FlightMode.LAND:
             yield "Ground station lost", on_link_loss(int(parameters["NAV_DLL_ACT"]))
         yield from self._judge_battery(now.battery_norm)
@@ -141,6 +153,9 @@ class Failsafe:
             broken = parameters["CBRK_FLIGHTTERM"] != 0
             action = Action.WARN if broken else Action.TERMINATE
             yield "Attitude failure detected", Reaction(action, delayed=False)
+
+    def _needs_place(self, now: Situation) -> bool:
+        return not (now.mode is FlightMode.ALTITUDE or now.by_attitude)
 
     def _needs_sticks(self, mode: FlightMode) -> bool:
         """Sticks that were never used in this flight are optional."""

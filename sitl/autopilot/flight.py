@@ -8,10 +8,18 @@ from sitl.autopilot.attitude import attitude_command
 from sitl.autopilot.control import RELAXED, AttitudeCommand, Controller, Goal
 from sitl.autopilot.ground import GroundDetector, GroundState
 from sitl.autopilot.inputs import Inputs
-from sitl.autopilot.interface import NAN3, AttitudeSetpoint, Estimate, OffboardSetpoint
-from sitl.autopilot.manual import Position
+from sitl.autopilot.interface import (
+    NAN3,
+    AttitudeSetpoint,
+    Estimate,
+    OffboardSetpoint,
+    OrbitRequest,
+    OrbitStatus,
+)
+from sitl.autopilot.manual import Altitude, Position
 from sitl.autopilot.mission_flight import FlyMission
-from sitl.autopilot.modes import GoTo, Hold, Land, Mode, Offboard, TakeOff
+from sitl.autopilot.modes import Descend, GoTo, Hold, Land, Mode, Offboard, TakeOff
+from sitl.autopilot.orbit import Orbit
 from sitl.autopilot.parameters import Number
 from sitl.autopilot.plans import Plans
 from sitl.autopilot.returning import Return
@@ -40,6 +48,8 @@ class Flight:
         """What the next take-off climbs to."""
         self.cruise_m_s = NAN
         """On the way to a place; NaN for MPC_XY_CRUISE."""
+        self.blind = False
+        """Whether the place is not known; landing then goes straight down."""
         self.stop()
 
     def stop(self) -> None:
@@ -47,7 +57,9 @@ class Flight:
         self.ground.stand()
         self.goal = Goal()
         self.command = RELAXED
-        self._flown: FlightMode | None = None
+        self._orbit: Orbit | None = None
+        self._flown: tuple[FlightMode, bool] | None = None
+        """The mode, and whether it was begun blind."""
         self._mode: Mode = Hold()
 
     @property
@@ -78,7 +90,24 @@ class Flight:
         if speed_m_s == speed_m_s:  # not NaN
             self.cruise_m_s = speed_m_s
         self._mode = GoTo(position_ned_m, self._cruise_m_s, yaw_rad)
-        self._flown = FlightMode.HOLD
+        self._flown = FlightMode.HOLD, self.blind
+
+    def hold_anew(self) -> None:
+        """The estimate jumped: a place that was only held is where the vehicle is now."""
+        if isinstance(self._mode, Hold | Land | Position):
+            self._flown = None
+
+    def orbit(self, request: OrbitRequest, estimate: Estimate) -> None:
+        """From now on, or changes the orbit that is flown."""
+        if self._orbit is None or self._mode is not self._orbit:
+            self._orbit = Orbit(estimate, self._parameters)
+        self._orbit.take(request, estimate)
+        self._mode, self._flown = self._orbit, (FlightMode.ORBIT, self.blind)
+
+    @property
+    def orbit_status(self) -> OrbitStatus | None:
+        """None unless one is flown."""
+        return self._mode.status if isinstance(self._mode, Orbit) else None
 
     def _cruise_m_s(self) -> float:
         asked = self.cruise_m_s == self.cruise_m_s  # not NaN
@@ -87,15 +116,16 @@ class Flight:
     def feel_ground(self, estimate: Estimate) -> None:
         lift_norm = self.command.thrust_norm / self._hover_norm
         descent_m_s = self.controller.descent_setpoint_m_s
-        if self._attitude_setpoint() is not None:
-            descent_m_s = _SINKS_M_S if lift_norm < 1.0 else 0.0
+        attitude = self._attitude_setpoint()
+        if attitude is not None:  # what is asked for: at lift-off the thrust given is less
+            descent_m_s = _SINKS_M_S if attitude.thrust_norm < self._hover_norm else 0.0
         self.ground.update(estimate, descent_m_s, lift_norm)
 
     def step(self, estimate: Estimate, mode: FlightMode, may_lift_off: bool) -> AttitudeCommand:
         """What the airframe is to do now to follow ``mode``."""
-        if mode is not self._flown:
+        if (mode, self.blind) != self._flown:
             self._mode = self._begin(mode, estimate)
-            self._flown = mode
+            self._flown = mode, self.blind
         setpoint = self._inputs.setpoint
         if isinstance(self._mode, Offboard) and isinstance(setpoint, OffboardSetpoint):
             self._mode.setpoint = setpoint
@@ -135,18 +165,22 @@ class Flight:
         if mode is FlightMode.TAKEOFF:
             return TakeOff(estimate, self.take_off_height_m, parameters)
         if mode is FlightMode.LAND:
-            return Land(parameters)
+            return Descend(parameters) if self.blind else Land(parameters)
         if mode is FlightMode.OFFBOARD:
             return Offboard(
                 setpoint if isinstance(setpoint, OffboardSetpoint) else OffboardSetpoint()
             )
         if mode is FlightMode.POSITION:
             return Position(self._inputs.sticks, parameters)
+        if mode is FlightMode.ALTITUDE:
+            return Altitude(self._inputs.sticks, parameters)
         if mode is FlightMode.MISSION:
             return FlyMission(self._plans.mission, self.ground, parameters)
         if mode is FlightMode.RTL:
             places = (self._plans.home.position_ned_m, *self._plans.rally_ned_m)
             return Return(estimate, places, lambda: parameters["MPC_XY_CRUISE"], parameters)
+        if mode is FlightMode.ORBIT and self._orbit is not None:
+            return self._orbit
         return Hold(self.goal.position_ned_m if self.next_mode is FlightMode.HOLD else NAN3)
 
     def _wants_up(self, estimate: Estimate) -> bool:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 LevelPoint: TypeAlias = tuple[float, float]
-"""North and east of home, m."""
+"""North and east of the local origin, m."""
 
 
 class Circle(NamedTuple):

@@ -5,8 +5,11 @@ from typing import NamedTuple, Protocol
 
 from companion.kernel.frames import Vector3
 from companion.kernel.messages import NAN, FlightMode, LandedState
+from sitl.autopilot.estimation.quality import Quality
+from sitl.autopilot.estimation.vision_sample import VisionSample
 from sitl.autopilot.mission import MissionProgress
 from sitl.autopilot.plans import Plans
+from sitl.sensors.suite import Sensors
 
 NAN3: Vector3 = (NAN, NAN, NAN)
 
@@ -72,6 +75,25 @@ class ManualInput(NamedTuple):
     yaw_norm: float
 
 
+class OrbitRequest(NamedTuple):
+    """NaN, or -1 for the behaviour, leaves a value as it was."""
+
+    radius_m: float = NAN
+    """Positive: clockwise seen from above."""
+    speed_m_s: float = NAN
+    yaw_behaviour: int = -1
+    centre_ned_m: Vector3 = NAN3
+    """The height to fly at is its third."""
+
+
+class OrbitStatus(NamedTuple):
+    """What links report of an orbit."""
+
+    radius_m: float
+    """Signed as in the request."""
+    centre_ned_m: Vector3
+
+
 class Estimate(NamedTuple):
     """The state estimate: truth plus modelled drift and noise."""
 
@@ -112,6 +134,8 @@ class VehicleStatus(NamedTuple):
     home_yaw_rad: float
     gyro_vibration_rad_s: float
     acceleration_vibration_m_s2: float
+    orbit: OrbitStatus | None
+    """None while none is flown."""
 
 
 class AutopilotPort(Protocol):
@@ -152,6 +176,18 @@ class AutopilotPort(Protocol):
         """Stamped likewise; feeds the timer of lost sticks."""
         ...
 
+    def take_vision(self, sample: VisionSample) -> None:
+        """A pose or velocity that a client has measured; used at the next update."""
+        ...
+
+    @property
+    def sensors(self) -> Sensors: ...
+
+    @property
+    def quality(self) -> Quality:
+        """What the estimator says of its estimate."""
+        ...
+
     def hear_ground_station(self) -> None:
         """A ground station's heartbeat; feeds the timer of the data link."""
         ...
@@ -165,8 +201,16 @@ class AutopilotPort(Protocol):
         """Says something as a status text."""
         ...
 
+    def inject_failure(self, unit: int, kind: int, instance: int) -> Ack:
+        """MAVLink's FAILURE_UNIT and FAILURE_TYPE; denied unless SYS_FAILURE_EN allows it."""
+        ...
+
     def reposition(self, position_ned_m: Vector3, yaw_rad: float, speed_m_s: float) -> Ack:
         """Flies there and holds. NaN: the height or place of now, nose ahead, change_speed's."""
+        ...
+
+    def orbit(self, request: OrbitRequest) -> Ack:
+        """Flies around a place from now on, or changes the orbit that is flown."""
         ...
 
     def change_speed(self, speed_m_s: float) -> Ack:
@@ -175,6 +219,10 @@ class AutopilotPort(Protocol):
 
     def set_home(self, position_ned_m: Vector3 | None) -> Ack:
         """None for where the vehicle is now."""
+        ...
+
+    def terminate(self, reason: str) -> None:
+        """Motors off at once, wherever the vehicle is."""
         ...
 
     def reboot(self) -> Ack:

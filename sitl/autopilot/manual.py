@@ -1,9 +1,10 @@
-"""Position control by hand: the sticks are velocities, and centred sticks hold the place."""
+"""Flying by hand: with a place to hold, or with the height alone."""
 
 import math
 
 from companion.kernel.frames import ned_from_hfrd
 from companion.kernel.messages import NAN
+from sitl.airframe import GRAVITY_M_S2
 from sitl.autopilot.control import Goal
 from sitl.autopilot.interface import Estimate, ManualInput
 from sitl.autopilot.modes import Anchor, Mode
@@ -11,7 +12,7 @@ from sitl.autopilot.parameters import Number
 
 
 class Position(Mode):
-    """PX4's position mode; level speeds are as the nose points."""
+    """PX4's position mode: sticks are velocities along the nose; centred they hold the place."""
 
     def __init__(self, sticks: ManualInput, parameters: dict[str, Number]) -> None:
         self.sticks = sticks
@@ -25,13 +26,19 @@ class Position(Mode):
         if forward or right:
             self._anchor.release_level()
         north, east = (NAN, NAN) if forward or right else self._anchor.level(estimate)
-        if up:
-            self._anchor.release_down()
+        down, v_down = self._height(up, estimate)
         return Goal(
-            (north, east, NAN if up else self._anchor.down(estimate)),
-            (v_north, v_east, -up * self._vertical_limit_m_s(up)),
+            (north, east, down),
+            (v_north, v_east, v_down),
             yaw_rate_rad_s=yaw * math.radians(self._parameters["MPC_MAN_Y_MAX"]),
         )
+
+    def _height(self, up: float, estimate: Estimate) -> tuple[float, float]:
+        """(place, velocity) down: a centred stick holds the height."""
+        if up:
+            self._anchor.release_down()
+            return NAN, -up * self._vertical_limit_m_s(up)
+        return self._anchor.down(estimate), 0.0
 
     @property
     def wants_up(self) -> bool:
@@ -46,3 +53,19 @@ class Position(Mode):
         zone_norm = self._parameters["MPC_HOLD_DZ"]
         beyond_norm = max(0.0, abs(stick_norm) - zone_norm) / (1.0 - zone_norm)
         return math.copysign(min(1.0, beyond_norm), stick_norm) if beyond_norm > 0.0 else 0.0
+
+
+class Altitude(Position):
+    """PX4's altitude mode: sticks tilt the vehicle, and nothing stops it but the air."""
+
+    def goal(self, estimate: Estimate) -> Goal:
+        forward, right, up, yaw = (self._beyond_dead_zone(stick) for stick in self.sticks)
+        full = GRAVITY_M_S2 * math.tan(math.radians(self._parameters["MPC_MAN_TILT_MAX"]))
+        a_north, a_east = ned_from_hfrd(full * forward, full * right, estimate.yaw_rad)
+        down, v_down = self._height(up, estimate)
+        return Goal(
+            (NAN, NAN, down),
+            (NAN, NAN, v_down),
+            yaw_rate_rad_s=yaw * math.radians(self._parameters["MPC_MAN_Y_MAX"]),
+            acceleration_ned_m_s2=(a_north, a_east, 0.0),
+        )

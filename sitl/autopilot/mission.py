@@ -1,4 +1,4 @@
-"""A mission: its items, and how far it has got. Places are NED from home."""
+"""A mission: its items, and how far it has got. Places are NED from the local origin."""
 
 import math
 from collections import deque
@@ -60,8 +60,22 @@ class TurnTo(NamedTuple):
     relative: bool = False
 
 
+class PayloadAction(NamedTuple):
+    """For a gimbal or a camera's shutter, which this vehicle does not have: done at once."""
+
+    command: int
+
+
 MissionItem: TypeAlias = (
-    Waypoint | TakeOffTo | LandAt | ReturnToLaunch | ChangeSpeed | Delay | Jump | TurnTo
+    Waypoint
+    | TakeOffTo
+    | LandAt
+    | ReturnToLaunch
+    | ChangeSpeed
+    | Delay
+    | Jump
+    | TurnTo
+    | PayloadAction
 )
 
 

@@ -145,6 +145,13 @@ class Land(Mode):
         return Goal((north, east, NAN), (0.0, 0.0, self._parameters["MPC_LAND_SPEED"]))
 
 
+class Descend(Land):
+    """Down at landing speed where nobody knows the place: level, as the wind was trimmed out."""
+
+    def goal(self, estimate: Estimate) -> Goal:
+        return Goal(NAN3, (NAN, NAN, self._parameters["MPC_LAND_SPEED"]))
+
+
 class Offboard(Mode):
     """Flies the newest setpoint. An axis with nothing but an acceleration is steered by that.
 

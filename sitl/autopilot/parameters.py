@@ -1,6 +1,7 @@
 """The parameters that act, under PX4's names, in PX4's units (degrees where PX4 has them)."""
 
 import math
+from difflib import get_close_matches
 from typing import Final, NamedTuple
 
 Number = float | int
@@ -71,6 +72,8 @@ PARAMETERS: Final[dict[str, Limits]] = {
     "MPC_Z_VEL_MAX_DN": Limits(1.5, 0.5, 4.0),
     "MPC_Z_VEL_MAX_UP": Limits(1.5, 0.5, 8.0),
     "MPC_Z_VEL_P_ACC": Limits(4.0, 2.0, 15.0),
+    "MC_ORBIT_RAD_MAX": Limits(1000.0, 1.0, 10_000.0),
+    "MC_ORBIT_YAW_MOD": Limits(0, 0, 4),
     "MC_PITCHRATE_K": Limits(1.0, 0.01, 5.0),
     "MC_ROLLRATE_K": Limits(1.0, 0.01, 5.0),
     "MC_YAWRATE_K": Limits(1.0, 0.0, 5.0),
@@ -94,6 +97,8 @@ PARAMETERS: Final[dict[str, Limits]] = {
     "COM_FAIL_ACT_T": Limits(5.0, 0.0, 25.0),
     "COM_RC_IN_MODE": Limits(3, 0, 8),
     "COM_RC_LOSS_T": Limits(0.5, 0.0, 35.0),
+    "COM_RC_OVERRIDE": Limits(1, 0, 3),
+    "COM_RC_STICK_OV": Limits(30.0, 5.0, 80.0),
     "COM_RCL_EXCEPT": Limits(0, 0, 31),
     # 0.1 instead of 0.3 s: what tumbles turns over once in 0.4 s, and falls from 2 m in 0.6 s.
     "FD_FAIL_P": Limits(60, 0, 180),
@@ -111,6 +116,31 @@ PARAMETERS: Final[dict[str, Limits]] = {
     "SIM_BARO_OFF_P": Limits(0.0, -100.0, 100.0),
     "SIM_BARO_OFF_T": Limits(0.0, -80.0, 80.0),
     "SIM_BAT_MIN_PCT": Limits(0.0, 0.0, 100.0),  # instead of 50: flights end in an empty battery
+    # Sensors and estimate. The range finder instead of the barometer holds the height indoors;
+    # 15 instead of 0: who sends motion capture wants it used.
+    "EKF2_BARO_CTRL": Limits(1, 0, 1),
+    "EKF2_EVA_NOISE": Limits(0.1, 0.05, 10.0),
+    "EKF2_EVP_GATE": Limits(5.0, 1.0, 100.0),
+    "EKF2_EVP_NOISE": Limits(0.1, 0.01, 10.0),
+    "EKF2_EVV_GATE": Limits(3.0, 1.0, 100.0),
+    "EKF2_EVV_NOISE": Limits(0.1, 0.01, 10.0),
+    "EKF2_EV_CTRL": Limits(15, 0, 15),
+    "EKF2_EV_DELAY": Limits(0.0, 0.0, 300.0),
+    "EKF2_EV_NOISE_MD": Limits(0, 0, 1),
+    "EKF2_EV_QMIN": Limits(0, 0, 100),
+    "EKF2_HGT_REF": Limits(2, 0, 3),
+    "EKF2_NOAID_TOUT": Limits(5_000_000, 500_000, 10_000_000),
+    "EKF2_OF_CTRL": Limits(1, 0, 1),
+    "EKF2_RNG_CTRL": Limits(1, 0, 2),
+    "COM_POSCTL_NAVL": Limits(0, 0, 1),
+    "MPC_MAN_TILT_MAX": Limits(15.0, 0.0, 90.0),  # instead of 35 degrees: indoors
+    # Gusts by MIL-F-8785C and ground effect are this vehicle's; PX4 has neither.
+    "SIM_GND_EFFECT": Limits(0.0, 0.0, 2.0),
+    "SIM_WIND_GUST": Limits(0.0, 0.0, 25.0),
+    "SYS_FAILURE_EN": Limits(0, 0, 1),
+    "SIM_GPS_USED": Limits(10, 0, 50),
+    "SYS_HAS_GPS": Limits(0, 0, 1),  # instead of 1: there is none indoors
+    "SYS_HAS_MAG": Limits(1, 0, 1),
 }
 
 
@@ -123,6 +153,16 @@ _OVERALL: Final[dict[str, dict[str, float]]] = {
 
 def default_parameters() -> dict[str, Number]:
     return {name: limits.default for name, limits in PARAMETERS.items()}
+
+
+def parameter_problem(name: str) -> str:
+    """Why ``change_parameter`` refused, in words for a user."""
+    limits = PARAMETERS.get(name)
+    if limits is not None:
+        return f"allowed: {limits.lowest:g} to {limits.highest:g}"
+    near = get_close_matches(name, PARAMETERS, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"this vehicle has no such parameter{hint}"
 
 
 def change_parameter(parameters: dict[str, Number], name: str, value: float) -> bool:

@@ -59,8 +59,8 @@ class Plans:
         north_m, east_m, down_m = item.position_ned_m
         flown = not isinstance(item, LandAt)
         home_down_m = self.home.position_ned_m[2]
-        if flown and not down_m < home_down_m:
-            return "not above home"
+        if flown and down_m > home_down_m:
+            return "below home"
         if math.isnan(north_m):
             return None
         distance_m = math.dist((north_m, east_m), self.home.position_ned_m[:2])

@@ -13,17 +13,22 @@ class Action(IntEnum):
     NONE = 0
     WARN = 1
     POSITION = 2
-    HOLD = 3
-    RETURN = 4
-    LAND = 5
-    TERMINATE = 6
+    ALTITUDE = 3
+    HOLD = 4
+    RETURN = 5
+    LAND = 6
+    DESCEND = 7
+    """Down without knowing where."""
+    TERMINATE = 8
 
 
 ACTION_MODES: Final[Mapping[Action, FlightMode]] = {
     Action.POSITION: FlightMode.POSITION,
+    Action.ALTITUDE: FlightMode.ALTITUDE,
     Action.HOLD: FlightMode.HOLD,
     Action.RETURN: FlightMode.RTL,
     Action.LAND: FlightMode.LAND,
+    Action.DESCEND: FlightMode.LAND,
 }
 
 
@@ -44,6 +49,17 @@ def on_offboard_loss(value: int, sticks: bool) -> Reaction:
     by_hand = Action.POSITION if sticks else Action.RETURN
     actions = (by_hand, by_hand, by_hand, Action.RETURN, Action.LAND, Action.HOLD)
     return Reaction(_chosen(actions, value), delayed=False)
+
+
+def on_position_loss(value: int, by_hand: bool) -> Reaction:
+    """COM_POSCTL_NAVL: altitude, descend; what is not flown by hand descends."""
+    return Reaction(Action.ALTITUDE if by_hand and value == 0 else Action.DESCEND, delayed=False)
+
+
+def without_position(action: Action) -> Action:
+    """What is left of an action where the place is not known."""
+    needs_place = (Action.POSITION, Action.HOLD, Action.RETURN, Action.LAND)
+    return Action.DESCEND if action in needs_place else action
 
 
 def on_link_loss(value: int) -> Reaction:

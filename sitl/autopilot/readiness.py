@@ -40,10 +40,15 @@ class Readiness:
             ground_station_missed=parameters["NAV_DLL_ACT"] > 0 and inputs.ground_station_lost,
         )
 
-    def available(self, mode: FlightMode, armed: bool) -> bool:
+    def available(self, mode: FlightMode, armed: bool, level_valid: bool) -> bool:
         """Whether this mode can be flown now; take-off and landing say so themselves."""
         if mode is FlightMode.OFFBOARD:
-            return not (armed and self._inputs.setpoints_lost)
+            lost = armed and self._inputs.setpoints_lost
+            return not lost and (level_valid or self._inputs.by_attitude or not armed)
+        if mode is FlightMode.ALTITUDE:
+            return not self._inputs.sticks_lost
+        if not level_valid:
+            return False
         if mode is FlightMode.POSITION:
             return not self._inputs.sticks_lost
         if mode is FlightMode.MISSION:

@@ -54,4 +54,5 @@ class StatusBoard:
             home_yaw_rad=self._home.yaw_rad,
             gyro_vibration_rad_s=self._vibration.gyro_rad_s,
             acceleration_vibration_m_s2=self._vibration.acceleration_m_s2,
+            orbit=flight.orbit_status,
         )

@@ -40,18 +40,11 @@ class CameraDescription(NamedTuple):
 
     def video_stream(self, _: Snapshot) -> Message:
         """MAVLink has no type for frames as they are on a ZeroMQ socket; TCP is the nearest."""
-        c = self.calibration
         return mavlink.MAVLink_video_stream_information_message(
             _STREAM_ID,
             1,
             mavlink.VIDEO_STREAM_TYPE_TCP_MPEG,
-            mavlink.VIDEO_STREAM_STATUS_FLAGS_RUNNING,
-            self.rate_hz,
-            c.width_px,
-            c.height_px,
-            self._bits_per_s,
-            0,
-            self._hfov_deg,
+            *self._stream,
             b"stereo frames (ZeroMQ)",
             self.url.encode("ascii", "replace"),
             mavlink.VIDEO_STREAM_ENCODING_UNKNOWN,
@@ -59,18 +52,7 @@ class CameraDescription(NamedTuple):
         )
 
     def video_status(self, _: Snapshot) -> Message:
-        c = self.calibration
-        return mavlink.MAVLink_video_stream_status_message(
-            _STREAM_ID,
-            mavlink.VIDEO_STREAM_STATUS_FLAGS_RUNNING,
-            self.rate_hz,
-            c.width_px,
-            c.height_px,
-            self._bits_per_s,
-            0,
-            self._hfov_deg,
-            DEVICE_ID,
-        )
+        return mavlink.MAVLink_video_stream_status_message(_STREAM_ID, *self._stream, DEVICE_ID)
 
     def settings(self, now: Snapshot) -> Message:
         """It makes a video, always, and does not zoom or focus."""
@@ -89,14 +71,19 @@ class CameraDescription(NamedTuple):
         }
 
     @property
-    def _bits_per_s(self) -> int:
-        """Two eyes, 8 bits a pixel."""
-        return round(2 * 8 * self.calibration.width_px * self.calibration.height_px * self.rate_hz)
-
-    @property
-    def _hfov_deg(self) -> int:
-        c = self.calibration
-        return round(math.degrees(2.0 * math.atan(c.width_px / (2.0 * c.left.focal_x_px))))
+    def _stream(self) -> tuple[int, float, int, int, int, int, int]:
+        """Flags, rate, width, height, bits per second of two eyes, rotation, field of view."""
+        width_px, height_px = self.calibration.width_px, self.calibration.height_px
+        hfov_rad = 2.0 * math.atan(width_px / (2.0 * self.calibration.left.focal_x_px))
+        return (
+            mavlink.VIDEO_STREAM_STATUS_FLAGS_RUNNING,
+            self.rate_hz,
+            width_px,
+            height_px,
+            round(2 * 8 * width_px * height_px * self.rate_hz),
+            0,
+            round(math.degrees(hfov_rad)),
+        )
 
 
 def _text(text: str, width: int) -> list[int]:

@@ -27,14 +27,13 @@ class Channel:
         client: Client,
         profile: Profile,
         time_s: float,
-        heartbeat_us: float,
         parameters: Mapping[str, float | int],
         signer: Signer | None,
     ) -> None:
         self.client = client
         self.log: TelemetryLog | None = None
         self.has_ground_station = False
-        self.schedule = Schedule(profile, time_s, heartbeat_us)
+        self.schedule = Schedule(profile, time_s)
         if client.expected:
             self.schedule.start(time_s)
         self._splitter = Splitter(client.in_stream)

@@ -1,7 +1,6 @@
-"""COMMAND_LONG and COMMAND_INT for the autopilot; those about messages are the server's.
+"""What commands ask of the autopilot; those about messages are the link's.
 
-A command that comes again, because its answer was lost or the network doubled it, finds its wish
-fulfilled and is accepted again.
+A command that comes again, because the network doubled it, finds its wish fulfilled.
 """
 
 import math
@@ -12,27 +11,23 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.frames import Vector3
 from companion.kernel.messages import NAN, FlightMode
-from sitl.autopilot.interface import Ack, AutopilotPort
+from sitl.autopilot.interface import Ack, AutopilotPort, OrbitRequest, Severity
 from sitl.mavlink.modes import requested_mode
-from sitl.mavlink.places import degrees_from_ned, level_from_degrees
-from sitl.mavlink.snapshot import HOME_AMSL_M
+from sitl.mavlink.places import ABOVE_HOME, Datum
 
 Parameters = tuple[float, float, float, float, float, float, float]
 """param1 to param7 of COMMAND_LONG, or param1 to param4, x, y, z of COMMAND_INT; of a command with
-a place latitude and longitude in degrees and height above sea level, in whatever frame it came."""
+a place north, east and down from the local origin in metres, in whatever frame it came."""
 
 _FORCE: Final = 21196.0
 """MAVLink's magic number in param2 of COMPONENT_ARM_DISARM."""
 _UNSET: Final = 2**31 - 1
 """Stands for NaN in x and y of COMMAND_INT."""
 
-_RELATIVE: Final = {
-    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-}
 _WITH_PLACE: Final = {
     mavlink.MAV_CMD_NAV_TAKEOFF,
     mavlink.MAV_CMD_DO_REPOSITION,
+    mavlink.MAV_CMD_DO_ORBIT,
     mavlink.MAV_CMD_DO_SET_HOME,
 }
 
@@ -47,14 +42,15 @@ REQUESTS: Final[Mapping[int, int]] = {
 """Older commands that ask for one message, and which."""
 
 
-def parameters_of(message: mavlink.MAVLink_message) -> Parameters:
-    m = message
+def parameters_of(message: mavlink.MAVLink_message, datum: Datum) -> Parameters:
+    m, placed = message, message.command in _WITH_PLACE
     first = (m.param1, m.param2, m.param3, m.param4)
-    if message.get_msgId() != mavlink.MAVLINK_MSG_ID_COMMAND_INT:
+    if m.get_msgId() == mavlink.MAVLINK_MSG_ID_COMMAND_INT:
+        return (*first, *(_place(_frame(m), m.x, m.y, m.z, datum) if placed else (m.x, m.y, m.z)))
+    if not placed:
         return (*first, m.param5, m.param6, m.param7)
-    if m.command not in _WITH_PLACE:
-        return (*first, m.x, m.y, m.z)
-    return (*first, *_place(m.frame, m.x, m.y, m.z))
+    down_m = datum.down_m(mavlink.MAV_FRAME_GLOBAL, m.param7)
+    return (*first, *datum.origin.level_m(m.param5, m.param6), down_m)
 
 
 def whole(number: float) -> int:
@@ -67,17 +63,20 @@ def execute(autopilot: AutopilotPort, command: int, parameters: Parameters) -> A
     return Ack.UNSUPPORTED if handler is None else handler(autopilot, parameters)
 
 
-def _place(frame: int, x: int, y: int, z: float) -> tuple[float, float, float]:
-    """(latitude, longitude, height above sea level). Relative heights count from the start."""
+def _frame(message: mavlink.MAVLink_message) -> int:
+    """MAVSDK says "relative" of an orbit and means heights above the sea, as PX4 reads them."""
+    orbit = message.command == mavlink.MAV_CMD_DO_ORBIT
+    return int(mavlink.MAV_FRAME_GLOBAL if orbit and message.frame in ABOVE_HOME else message.frame)
+
+
+def _place(frame: int, x: int, y: int, z: float, datum: Datum) -> Vector3:
+    """NED of a COMMAND_INT's place."""
+    down_m = datum.down_m(frame, z)
     if frame == mavlink.MAV_FRAME_LOCAL_NED:
         north_m, east_m = (NAN if value == _UNSET else value * 1e-4 for value in (x, y))
-        return (*degrees_from_ned((north_m, east_m, z)), HOME_AMSL_M - z)
-    latitude, longitude = (NAN if value == _UNSET else value * 1e-7 for value in (x, y))
-    return latitude, longitude, z + HOME_AMSL_M if frame in _RELATIVE else z
-
-
-def _position_ned_m(p: Parameters) -> Vector3:
-    return (*level_from_degrees(p[4], p[5]), HOME_AMSL_M - p[6])
+        return north_m, east_m, down_m
+    latitude_deg, longitude_deg = (NAN if value == _UNSET else value * 1e-7 for value in (x, y))
+    return (*datum.origin.level_m(latitude_deg, longitude_deg), down_m)
 
 
 def _arm_or_disarm(autopilot: AutopilotPort, p: Parameters) -> Ack:
@@ -88,8 +87,15 @@ def _arm_or_disarm(autopilot: AutopilotPort, p: Parameters) -> Ack:
 
 
 def _take_off(autopilot: AutopilotPort, p: Parameters) -> Ack:
-    """param7 is above sea level; NaN leaves the height to MIS_TAKEOFF_ALT."""
-    return autopilot.take_off(p[6] - HOME_AMSL_M)
+    """NaN leaves the height to MIS_TAKEOFF_ALT; so does one below the ground, as in PX4.
+
+    MAVProxy asks for such: it counts from the ground, not from the sea.
+    """
+    if not -math.inf < -p[6] <= 0.0:
+        return autopilot.take_off(-p[6])
+    height_m = autopilot.parameters["MIS_TAKEOFF_ALT"]
+    autopilot.announce(Severity.CRITICAL, f"Using minimum takeoff altitude: {height_m:.2f} m")
+    return autopilot.take_off()
 
 
 def _land(autopilot: AutopilotPort, _: Parameters) -> Ack:
@@ -99,6 +105,12 @@ def _land(autopilot: AutopilotPort, _: Parameters) -> Ack:
 def _set_mode(autopilot: AutopilotPort, p: Parameters) -> Ack:
     mode = requested_mode(p[0], p[1], p[2])
     return Ack.DENIED if mode is None else autopilot.set_mode(mode)
+
+
+def _terminate(autopilot: AutopilotPort, p: Parameters) -> Ack:
+    if p[0] > 0.5:
+        autopilot.terminate("commanded")
+    return Ack.ACCEPTED
 
 
 def _return_to_launch(autopilot: AutopilotPort, _: Parameters) -> Ack:
@@ -129,7 +141,12 @@ def _reposition(autopilot: AutopilotPort, p: Parameters) -> Ack:
     change_mode = bool(max(0, whole(p[1])) & mavlink.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
     if not (change_mode or autopilot.status.mode is FlightMode.HOLD):
         return Ack.DENIED
-    return autopilot.reposition(_position_ned_m(p), p[3], p[0] if p[0] > 0.0 else NAN)
+    return autopilot.reposition(p[4:], p[3], p[0] if p[0] > 0.0 else NAN)
+
+
+def _orbit(autopilot: AutopilotPort, p: Parameters) -> Ack:
+    """param1: radius, clockwise if positive; param2: speed; param3: ORBIT_YAW_BEHAVIOUR."""
+    return autopilot.orbit(OrbitRequest(p[0], p[1], whole(p[2]), p[4:]))
 
 
 def _change_speed(autopilot: AutopilotPort, p: Parameters) -> Ack:
@@ -143,7 +160,13 @@ def _change_speed(autopilot: AutopilotPort, p: Parameters) -> Ack:
 
 def _set_home(autopilot: AutopilotPort, p: Parameters) -> Ack:
     here = p[0] == 1.0
-    return autopilot.set_home(None if here else _position_ned_m(p))
+    return autopilot.set_home(None if here else p[4:])
+
+
+def _inject_failure(autopilot: AutopilotPort, p: Parameters) -> Ack:
+    """param3: which of several units, 0 for all."""
+    instance = 0 if math.isnan(p[2]) else whole(p[2])
+    return autopilot.inject_failure(whole(p[0]), whole(p[1]), instance)
 
 
 def _no_actuator(_autopilot: AutopilotPort, _: Parameters) -> Ack:
@@ -157,11 +180,14 @@ _HANDLERS: Mapping[int, Callable[[AutopilotPort, Parameters], Ack]] = {
     mavlink.MAV_CMD_NAV_LAND: _land,
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: _return_to_launch,
     mavlink.MAV_CMD_NAV_LOITER_UNLIM: _hold,
+    mavlink.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
     mavlink.MAV_CMD_DO_SET_MODE: _set_mode,
     mavlink.MAV_CMD_MISSION_START: _start_mission,
     mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: _set_mission_item,
     mavlink.MAV_CMD_DO_REPOSITION: _reposition,
+    mavlink.MAV_CMD_DO_ORBIT: _orbit,
     mavlink.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
     mavlink.MAV_CMD_DO_SET_HOME: _set_home,
     mavlink.MAV_CMD_DO_SET_ACTUATOR: _no_actuator,
+    mavlink.MAV_CMD_INJECT_FAILURE: _inject_failure,
 }

@@ -10,7 +10,7 @@ from sitl.mavlink.commands import REQUESTS, Parameters, whole
 from sitl.mavlink.parameters import ParameterProtocol
 from sitl.mavlink.snapshot import Message, Snapshot
 
-Builders = Mapping[int, Callable[[Snapshot], Message]]
+Builders = Mapping[int, Callable[[Snapshot], Message | None]]
 Outcome = tuple[Ack, Sequence[Message]]
 """The verdict, and what is to be sent behind it."""
 
@@ -58,7 +58,8 @@ class LinkCommands:
         if message_id not in self._builders:
             return _DENIED
         wanted = (message_id, *_FOLLOWERS.get(message_id, ()))
-        return Ack.ACCEPTED, [self._builders[number](now) for number in wanted]
+        messages = [m for number in wanted if (m := self._builders[number](now)) is not None]
+        return (Ack.ACCEPTED, messages) if messages else _DENIED
 
     def _store(self, _channel: Channel, p: Parameters, _now: Snapshot) -> Outcome:
         return self._parameters.store(whole(p[0])), ()

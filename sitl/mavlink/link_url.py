@@ -5,14 +5,16 @@ from typing import NamedTuple
 from urllib.parse import SplitResult, parse_qsl, urlsplit
 
 from companion.kernel.errors import PlanError
+from companion.kernel.settings import convert_settings
+from sitl.conditions import CLEAR, LinkSettings
 
 LOOPBACK = "127.0.0.1"
 DEFAULT_BAUD = 57_600
 URL_FORMS = (
     "udpout://HOST:PORT[?local_port=PORT], udpin://[HOST]:PORT, tcpin://[HOST]:PORT or "
-    "serial:///dev/DEVICE[:BAUD], each with profile=onboard or profile=gcs behind a ?"
+    "serial:///dev/DEVICE[:BAUD], each with profile=onboard or profile=gcs behind a ?, UDP with "
+    "loss_norm, latency_s, jitter_s, duplicate_norm"
 )
-
 SocketAddress = tuple[str, int]
 
 
@@ -33,6 +35,7 @@ class LinkAddress(NamedTuple):
     device: str = ""
     baud: int = DEFAULT_BAUD
     profile: Profile = Profile.ONBOARD
+    conditions: LinkSettings = CLEAR
 
 
 def parse_link(url: str) -> LinkAddress:
@@ -42,6 +45,8 @@ def parse_link(url: str) -> LinkAddress:
         options = dict(parse_qsl(parts.query, strict_parsing=bool(parts.query)))
         profile = Profile(options.pop("profile", Profile.ONBOARD))
         address = _READERS[parts.scheme](parts, options)._replace(profile=profile)
+        if parts.scheme in {"udpin", "udpout"}:
+            address = address._replace(conditions=_conditions(options, url))
     except KeyError:
         raise PlanError(f"{url}: not a MAVLink link; use {URL_FORMS}") from None
     except ValueError as error:
@@ -63,6 +68,12 @@ def _udpout(parts: SplitResult, options: dict[str, str]) -> LinkAddress:
 def _listening(parts: SplitResult, _: dict[str, str]) -> LinkAddress:
     """Without a host on this machine alone: other machines are let in only when named."""
     return LinkAddress(parts.scheme, parts.hostname or LOOPBACK, _port(parts))
+
+
+def _conditions(options: dict[str, str], url: str) -> LinkSettings:
+    known = [key for key in LinkSettings.__struct_fields__ if key in options]
+    given = {key: float(options.pop(key)) for key in known}
+    return convert_settings(given, LinkSettings, url) if given else CLEAR
 
 
 def _serial(parts: SplitResult, _: dict[str, str]) -> LinkAddress:

@@ -3,12 +3,14 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
+from companion.kernel.errors import PlanError
+from sitl.conditions import LinkConditions
 from sitl.mavlink.link_url import Profile, parse_link
 from sitl.mavlink.serial_link import SerialLink
 from sitl.mavlink.tcp_link import TcpLink
 from sitl.mavlink.udp_link import UdpLink
 
-__all__ = ["Client", "Link", "SerialLink", "TcpLink", "UdpLink", "open_link"]
+__all__ = ["Client", "Link", "SerialLink", "TcpLink", "UdpLink", "impair", "open_link"]
 
 
 class Client(Protocol):
@@ -58,6 +60,8 @@ class Link(Protocol):
     def close(self) -> None: ...
 
 
+NowS = Callable[[], float]
+
 _KINDS: Mapping[str, Callable[[str], Link]] = {
     "udpin": UdpLink,
     "udpout": UdpLink,
@@ -69,3 +73,15 @@ _KINDS: Mapping[str, Callable[[str], Link]] = {
 def open_link(url: str) -> Link:
     """Raises PlanError for a URL that is none, SimulatorError when it cannot be opened."""
     return _KINDS[parse_link(url).scheme](url)
+
+
+def impair(links: Sequence[Link], conditions: Sequence[LinkConditions], now_s: NowS) -> None:
+    """Puts UDP links under their conditions, which may change in flight.
+
+    Raises PlanError for another link that is to lose or delay packets: it carries a stream.
+    """
+    for link, state in zip(links, conditions, strict=True):
+        if isinstance(link, UdpLink):
+            link.impair(state, now_s)
+        elif not state.clear:
+            raise PlanError(f"{link.url}: only UDP links lose or delay packets (sitl.link)")

@@ -7,7 +7,9 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.clock import wall_s
 from companion.kernel.errors import PlanError
+from sitl.conditions import CLEAR
 from sitl.mavlink import framing
+from sitl.mavlink.link_url import parse_link
 from sitl.mavlink.links import UdpLink
 
 SYSTEM_ID = 255
@@ -24,6 +26,8 @@ class Listener:
     def __init__(self, url: str, message_ids: Collection[int]) -> None:
         if not url.startswith(("udpin://", "udpout://")):
             raise PlanError(f"{url}: not a UDP link; use udpin://HOST:PORT or udpout://HOST:PORT")
+        if parse_link(url).conditions != CLEAR:
+            raise PlanError(f"{url}: this end only listens; let the autopilot's lose and delay")
         self._link = UdpLink(url)
         self._wanted = frozenset((*message_ids, mavlink.MAVLINK_MSG_ID_HEARTBEAT))
         self._codec = mavlink.MAVLink(None, SYSTEM_ID, COMPONENT_ID)

@@ -15,13 +15,13 @@ from sitl.autopilot.mission import (
     Jump,
     LandAt,
     MissionItem,
+    PayloadAction,
     ReturnToLaunch,
     TakeOffTo,
     TurnTo,
     Waypoint,
 )
-from sitl.mavlink.places import level_from_degrees
-from sitl.mavlink.snapshot import HOME_AMSL_M
+from sitl.mavlink.places import ABOVE_HOME, ABOVE_SEA, Datum
 
 GLOBAL_SCALE: Final = 1e7
 """Of degrees in MISSION_ITEM_INT."""
@@ -29,13 +29,8 @@ LOCAL_SCALE: Final = 1e4
 """Of metres in MISSION_ITEM_INT."""
 _UNUSED_INT: Final = 0x7FFFFFFF
 
-_ABOVE_SEA: Final = {mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT}
-_ABOVE_HOME: Final = {
-    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-}
 _LOCAL: Final = mavlink.MAV_FRAME_LOCAL_NED
-_PLACED: Final = {*_ABOVE_SEA, *_ABOVE_HOME, _LOCAL}
+_PLACED: Final = {*ABOVE_SEA, *ABOVE_HOME, _LOCAL}
 
 
 class RejectedItemError(Exception):
@@ -47,7 +42,10 @@ class RejectedItemError(Exception):
 
 
 class Item(NamedTuple):
-    """An item of a mission, fence or rally list, in the units of MISSION_ITEM_INT."""
+    """An item of a mission, fence or rally list, in the units of MISSION_ITEM_INT.
+
+    What it says in metres is in the local frame, whatever its own frame is.
+    """
 
     number: int
     frame: int
@@ -60,9 +58,10 @@ class Item(NamedTuple):
     x: int
     y: int
     z: float
+    datum: Datum
 
     @classmethod
-    def of(cls, message: mavlink.MAVLink_message) -> Self:
+    def of(cls, message: mavlink.MAVLink_message, datum: Datum) -> Self:
         """From MISSION_ITEM_INT or the older MISSION_ITEM. Raises RejectedItemError."""
         m, x, y = message, message.x, message.y
         if m.get_msgId() == mavlink.MAVLINK_MSG_ID_MISSION_ITEM:
@@ -73,29 +72,30 @@ class Item(NamedTuple):
                 )
             x, y = round(x * scale), round(y * scale)
         parameters = (m.param1, m.param2, m.param3, m.param4)
-        return cls(m.seq, m.frame, m.command, m.autocontinue, *parameters, x, y, m.z)
+        return cls(m.seq, m.frame, m.command, m.autocontinue, *parameters, x, y, m.z, datum)
 
     @property
     def level_m(self) -> LevelPoint:
-        """North and east of home; NaN where the item names no place. Raises RejectedItemError."""
+        """North and east; NaN where the item names no place. Raises RejectedItemError."""
+        point_m = self.fence_point_m
+        unnamed = (self.x, self.y) == (0, 0) or _UNUSED_INT in (self.x, self.y)
+        return (NAN, NAN) if unnamed and self.frame != _LOCAL else point_m
+
+    @property
+    def fence_point_m(self) -> LevelPoint:
+        """The same of a fence, where 0, 0 is a place like any. Raises RejectedItemError."""
         if self.frame not in _PLACED:
             self.reject(mavlink.MAV_MISSION_UNSUPPORTED_FRAME, f"MAV_FRAME {self.frame}")
         if self.frame == _LOCAL:
             return self.x / LOCAL_SCALE, self.y / LOCAL_SCALE
-        if (self.x, self.y) == (0, 0) or _UNUSED_INT in (self.x, self.y):
-            return NAN, NAN
-        return level_from_degrees(self.x / GLOBAL_SCALE, self.y / GLOBAL_SCALE)
+        return self.datum.origin.level_m(self.x / GLOBAL_SCALE, self.y / GLOBAL_SCALE)
 
     @property
     def position_ned_m(self) -> Vector3:
-        """From home; NaN on the level where the item names no place. Raises RejectedItemError."""
-        north_m, east_m = self.level_m
+        """NaN on the level where the item names no place. Raises RejectedItemError."""
         if not math.isfinite(self.z):
             self.reject(mavlink.MAV_MISSION_INVALID_PARAM7, "height not finite")
-        if self.frame == _LOCAL:
-            return north_m, east_m, self.z
-        above_home_m = self.z - HOME_AMSL_M if self.frame in _ABOVE_SEA else self.z
-        return north_m, east_m, -above_home_m
+        return (*self.level_m, self.datum.down_m(self.frame, self.z))
 
     @property
     def place_ned_m(self) -> Vector3:
@@ -166,12 +166,34 @@ def _jump(item: Item) -> MissionItem:
     return Jump(int(item.at_least(1, 0.0)), math.inf if repeats < 0.0 else repeats)
 
 
+def _payload_action(item: Item) -> MissionItem:
+    return PayloadAction(item.command)
+
+
 def _turn(item: Item) -> MissionItem:
     relative = item.param4 == 1.0
     angle_deg = item.at_least(1, -360.0)
     counter_clockwise = relative and item.param3 < 0.0
     return TurnTo(math.radians(-angle_deg if counter_clockwise else angle_deg), relative)
 
+
+_PAYLOAD_COMMANDS: Final = (
+    mavlink.MAV_CMD_DO_SET_ROI,
+    mavlink.MAV_CMD_DO_SET_ROI_LOCATION,
+    mavlink.MAV_CMD_DO_SET_ROI_NONE,
+    mavlink.MAV_CMD_DO_DIGICAM_CONTROL,
+    mavlink.MAV_CMD_DO_MOUNT_CONFIGURE,
+    mavlink.MAV_CMD_DO_MOUNT_CONTROL,
+    mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST,
+    mavlink.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
+    mavlink.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE,
+    mavlink.MAV_CMD_IMAGE_START_CAPTURE,
+    mavlink.MAV_CMD_IMAGE_STOP_CAPTURE,
+    mavlink.MAV_CMD_VIDEO_START_CAPTURE,
+    mavlink.MAV_CMD_VIDEO_STOP_CAPTURE,
+    mavlink.MAV_CMD_SET_CAMERA_MODE,
+)
+"""PX4 takes them in missions whatever is attached, so plans of camera drones can be flown."""
 
 _READERS: Final[Mapping[int, Callable[[Item], MissionItem]]] = {
     mavlink.MAV_CMD_NAV_WAYPOINT: _waypoint,
@@ -185,6 +207,7 @@ _READERS: Final[Mapping[int, Callable[[Item], MissionItem]]] = {
     mavlink.MAV_CMD_CONDITION_YAW: _turn,
     mavlink.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
     mavlink.MAV_CMD_DO_JUMP: _jump,
+    **dict.fromkeys(_PAYLOAD_COMMANDS, _payload_action),
 }
 
 _CIRCLES: Final[Mapping[int, bool]] = {
@@ -204,14 +227,13 @@ def fence_areas(items: Sequence[Item]) -> tuple[Area, ...]:
     while at < len(items):
         item = items[at]
         if item.command in _CIRCLES:
-            radius_m = item.at_least(1, 0.01)
-            areas.append(Circle(item.place_ned_m[:2], radius_m, _CIRCLES[item.command]))
+            radius_m = item.at_least(1, 0.0)
+            areas.append(Circle(item.fence_point_m, radius_m, _CIRCLES[item.command]))
             at += 1
         elif item.command in _VERTICES:
             vertices = _vertices(items[at:])
-            areas.append(
-                Polygon(tuple(v.place_ned_m[:2] for v in vertices), _VERTICES[item.command])
-            )
+            outline_m = tuple(vertex.fence_point_m for vertex in vertices)
+            areas.append(Polygon(outline_m, _VERTICES[item.command]))
             at += len(vertices)
         else:
             item.reject(mavlink.MAV_MISSION_UNSUPPORTED, f"MAV_CMD {item.command} is no fence")
@@ -229,7 +251,7 @@ def _vertices(items: Sequence[Item]) -> Sequence[Item]:
 
 
 def rally_places(items: Sequence[Item]) -> tuple[Vector3, ...]:
-    """On the ground, NED from home. Raises RejectedItemError."""
+    """On the floor. Raises RejectedItemError."""
     for item in items:
         if item.command != mavlink.MAV_CMD_NAV_RALLY_POINT:
             item.reject(

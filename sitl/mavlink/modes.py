@@ -9,6 +9,7 @@ from companion.kernel.messages import FlightMode, LandedState
 _AUTO = 4
 _CUSTOM_MODES: dict[FlightMode, tuple[int, int]] = {
     FlightMode.MANUAL: (1, 0),
+    FlightMode.ALTITUDE: (2, 0),
     FlightMode.POSITION: (3, 0),
     FlightMode.TAKEOFF: (_AUTO, 2),
     FlightMode.HOLD: (_AUTO, 3),
@@ -16,23 +17,31 @@ _CUSTOM_MODES: dict[FlightMode, tuple[int, int]] = {
     FlightMode.RTL: (_AUTO, 5),
     FlightMode.LAND: (_AUTO, 6),
     FlightMode.OFFBOARD: (6, 0),
+    FlightMode.ORBIT: (3, 1),
 }
 """(main, sub) mode of PX4's custom_mode."""
 
-_MODES_BY_NUMBER = {numbers: mode for mode, numbers in _CUSTOM_MODES.items()}
+_MODES_BY_NUMBER = {
+    numbers: mode for mode, numbers in _CUSTOM_MODES.items() if mode is not FlightMode.ORBIT
+}
+"""An orbit begins with DO_ORBIT, which tells where."""
 
 _CUSTOM_FLAG = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 _STABILIZE = mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
 _AUTO_FLAGS = mavlink.MAV_MODE_FLAG_GUIDED_ENABLED | mavlink.MAV_MODE_FLAG_AUTO_ENABLED | _STABILIZE
 _BASE_FLAGS: dict[FlightMode, int] = {
     FlightMode.MANUAL: mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | _STABILIZE,
+    FlightMode.ALTITUDE: mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | _STABILIZE,
     FlightMode.POSITION: mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | _STABILIZE,
     FlightMode.OFFBOARD: _STABILIZE,
+    FlightMode.ORBIT: _STABILIZE,
 }
 
 NON_STANDARD_MODE = 0
 STANDARD_MODES: dict[FlightMode, int] = {
     FlightMode.POSITION: 1,
+    FlightMode.ORBIT: 2,
+    FlightMode.ALTITUDE: 4,
     FlightMode.RTL: 5,
     FlightMode.MISSION: 6,
     FlightMode.LAND: 7,

@@ -1,15 +1,18 @@
 """Saved parameters as the ground stations write them: system, component, name, value, type."""
 
 import logging
-import math
 import os
 from collections.abc import Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Final
 
 from companion.kernel.errors import PlanError
-from sitl.autopilot.parameters import PARAMETERS, Number, default_parameters
+from sitl.autopilot.parameters import (
+    PARAMETERS,
+    Number,
+    default_parameters,
+    parameter_problem,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -71,11 +74,6 @@ def _parsed(line: str, place: str) -> tuple[str, Number]:
     except (IndexError, ValueError):
         raise PlanError(f"{place}: not 'system component name value type'") from None
     limits = PARAMETERS.get(name)
-    if limits is None:
-        near = get_close_matches(name, PARAMETERS, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise PlanError(f"{place}: {name}: this vehicle has no such parameter{hint}")
-    if not math.isfinite(value) or not limits.lowest <= value <= limits.highest:
-        allowed = f"{limits.lowest:g} to {limits.highest:g}"
-        raise PlanError(f"{place}: {name}: {value:g} is not in {allowed}")
+    if limits is None or not limits.lowest <= value <= limits.highest:  # NaN is in no range
+        raise PlanError(f"{place}: {name}: {value:g}: {parameter_problem(name)}")
     return name, round(value) if isinstance(limits.default, int) else value

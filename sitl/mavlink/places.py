@@ -1,28 +1,63 @@
 """Places on Earth and in the vehicle's local frame."""
 
 import math
-from typing import Final
+from typing import Annotated, Final, NamedTuple
+
+from msgspec import Meta
+from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.frames import Vector3
-from sitl.mavlink.snapshot import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
+from companion.kernel.settings import Settings
 
 METRES_PER_DEGREE: Final = 111_319.5
 """Along a meridian, or along the equator; a room is too small for the difference to matter."""
-_METRES_PER_DEGREE_EAST: Final = METRES_PER_DEGREE * math.cos(math.radians(HOME_LATITUDE_DEG))
+
+ABOVE_SEA: Final = frozenset({mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT})
+ABOVE_HOME: Final = frozenset(
+    {mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT}
+)
 
 
-def degrees_from_ned(position_ned_m: Vector3) -> tuple[float, float]:
-    """(latitude, longitude)."""
-    north_m, east_m, _ = position_ned_m
-    return (
-        HOME_LATITUDE_DEG + north_m / METRES_PER_DEGREE,
-        HOME_LONGITUDE_DEG + east_m / _METRES_PER_DEGREE_EAST,
-    )
+class Origin(Settings, frozen=True):
+    """Where on Earth local (0, 0, 0) is said to be: the floor under the vehicle at the start.
+
+    Home is there too, until it is moved. The default is a flight hall in Delft.
+    """
+
+    latitude_deg: Annotated[float, Meta(ge=-85.0, le=85.0)] = 51.9906
+    longitude_deg: Annotated[float, Meta(ge=-180.0, le=180.0)] = 4.3768
+    amsl_m: Annotated[float, Meta(ge=-500.0, le=10_000.0)] = 10.0
+    """Height above mean sea level."""
+
+    def degrees(self, position_ned_m: Vector3) -> tuple[float, float]:
+        """(latitude, longitude)."""
+        north_m, east_m, _ = position_ned_m
+        return (
+            self.latitude_deg + north_m / METRES_PER_DEGREE,
+            self.longitude_deg + east_m / self._metres_per_degree_east,
+        )
+
+    def level_m(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
+        """(north, east); NaN stays NaN."""
+        return (
+            (latitude_deg - self.latitude_deg) * METRES_PER_DEGREE,
+            (longitude_deg - self.longitude_deg) * self._metres_per_degree_east,
+        )
+
+    @property
+    def _metres_per_degree_east(self) -> float:
+        return METRES_PER_DEGREE * math.cos(math.radians(self.latitude_deg))
 
 
-def level_from_degrees(latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
-    """(north, east) in metres; NaN stays NaN."""
-    return (
-        (latitude_deg - HOME_LATITUDE_DEG) * METRES_PER_DEGREE,
-        (longitude_deg - HOME_LONGITUDE_DEG) * _METRES_PER_DEGREE_EAST,
-    )
+class Datum(NamedTuple):
+    """What the numbers of a place count from."""
+
+    origin: Origin
+    home_down_m: float = 0.0
+    """Of home, in the local frame: relative heights count from it."""
+
+    def down_m(self, frame: int, height: float) -> float:
+        """From z of a message in this MAV_FRAME; every other frame than these is local."""
+        if frame in ABOVE_SEA:
+            return self.origin.amsl_m - height
+        return self.home_down_m - height if frame in ABOVE_HOME else height

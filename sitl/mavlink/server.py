@@ -5,20 +5,31 @@ from collections.abc import Callable, Mapping, Sequence
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from sitl.autopilot.interface import Ack, AutopilotPort, StatusText
-from sitl.mavlink import commands, framing
+from sitl.autopilot.interface import AutopilotPort, StatusText
+from sitl.mavlink import framing
 from sitl.mavlink.camera import CameraDescription
 from sitl.mavlink.channel import Channel
+from sitl.mavlink.command_protocol import CommandProtocol
 from sitl.mavlink.link_commands import LinkCommands
 from sitl.mavlink.links import Client, Link
 from sitl.mavlink.missions import MissionProtocol
 from sitl.mavlink.parameter_file import ParameterFile
 from sitl.mavlink.parameters import ParameterProtocol
-from sitl.mavlink.setpoints import FRAMES, attitude_setpoint, manual_input, offboard_setpoint
+from sitl.mavlink.places import Datum, Origin
+from sitl.mavlink.setpoints import (
+    FRAMES,
+    GLOBAL_FRAMES,
+    attitude_setpoint,
+    global_setpoint,
+    manual_input,
+    offboard_setpoint,
+)
 from sitl.mavlink.signing import Keyring, Signer
 from sitl.mavlink.snapshot import Snapshot
+from sitl.mavlink.state import heartbeat
 from sitl.mavlink.streams import STREAMS
 from sitl.mavlink.tlog import TelemetryLog
+from sitl.mavlink.vision import VisionReader
 
 logger = logging.getLogger(__name__)
 
@@ -34,38 +45,37 @@ class MavlinkServer:
         autopilot: AutopilotPort,
         links: Sequence[Link],
         log: TelemetryLog | None = None,
-        speed: float = 1.0,
         *,
         camera: CameraDescription | None = None,
         keyring: Keyring | None = None,
         parameter_file: ParameterFile | None = None,
+        origin: Origin | None = None,
     ) -> None:
         """``log`` keeps what the first link sends to its first client and all that it receives;
         closed by ``close``. With a ``keyring`` only signed messages are obeyed.
-
-        ``speed`` is the world's: clients time heartbeats on their own clocks, so a world slower
-        than real time sends more of them.
         """
         self._autopilot = autopilot
+        self._origin = origin or Origin()
         self.links = links
         self._log = log
-        self._heartbeat_us = 1e6 * min(1.0, speed)
         self._keyring = keyring
         self._time_s = autopilot.estimate.time_s
         self._parameters = ParameterProtocol(autopilot, parameter_file)
-        self._missions = MissionProtocol(autopilot)
+        self._missions = MissionProtocol(autopilot, self._origin)
+        self._vision = VisionReader()
         self._source = _source_of(autopilot)
         self._channels: dict[Client, Channel] = {}
         builders = {message_id: stream.builder for message_id, stream in STREAMS.items()}
         if camera is not None:
             builders |= camera.builders
-        self._link_commands = LinkCommands(builders, self._parameters)
+        self._commands = CommandProtocol(autopilot, LinkCommands(builders, self._parameters))
         self._unknown_frames: set[int] = set()
         self._handlers: Mapping[int, Callable[[Channel, mavlink.MAVLink_message], None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             mavlink.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command,
             mavlink.MAVLINK_MSG_ID_COMMAND_INT: self._on_command,
             mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: self._on_setpoint,
+            mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: self._on_setpoint,
             mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: self._on_attitude_setpoint,
             mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: self._on_manual_control,
             mavlink.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
@@ -74,6 +84,7 @@ class MavlinkServer:
             mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_parameter,
             mavlink.MAVLINK_MSG_ID_PARAM_SET: self._on_parameter,
             **dict.fromkeys(self._missions.handlers, self._on_mission),
+            **dict.fromkeys(self._vision.message_ids, self._on_vision),
         }
 
     def filenos(self) -> list[int]:
@@ -106,21 +117,30 @@ class MavlinkServer:
     def update(self, time_s: float) -> None:
         """Sends what is due at this time of the world; a message is encoded once for all."""
         self._time_s = time_s
-        frames: dict[int, framing.Frame] = {}
+        frames: dict[int, framing.Frame | None] = {}
         now: Snapshot | None = None
         channels = self.channels
         for channel in channels:
             for message_id in channel.schedule.due(time_s):
                 if message_id not in frames:
                     now = now or self._snapshot()
-                    frames[message_id] = framing.encode(STREAMS[message_id].builder(now))
-                channel.put(frames[message_id], self._source, time_s)
+                    message = STREAMS[message_id].builder(now)
+                    frames[message_id] = None if message is None else framing.encode(message)
+                if (frame := frames[message_id]) is not None:
+                    channel.put(frame, self._source, time_s)
         for message in self._missions.update():
             for channel in channels:
                 self._send(channel, message)
         for text in self._autopilot.drain_status_texts():
             self._put_status_text(text, time_s)
         for channel in channels:
+            channel.flush()
+
+    def beat(self) -> None:
+        """One heartbeat more than is due: for a world whose time stands still."""
+        frame = framing.encode(heartbeat(self._snapshot()))
+        for channel in self.channels:
+            channel.put(frame, self._source, self._time_s)
             channel.flush()
 
     def close(self) -> None:
@@ -135,7 +155,6 @@ class MavlinkServer:
             client,
             link.profile,
             self._time_s,
-            self._heartbeat_us,
             self._autopilot.parameters,
             signer,
         )
@@ -148,7 +167,15 @@ class MavlinkServer:
 
     def _snapshot(self) -> Snapshot:
         autopilot = self._autopilot
-        return Snapshot(autopilot.estimate, autopilot.status, self._time_s, autopilot.parameters)
+        return Snapshot(
+            autopilot.estimate,
+            autopilot.status,
+            self._time_s,
+            autopilot.parameters,
+            self._origin,
+            autopilot.sensors,
+            autopilot.quality,
+        )
 
     def _take(self, link: Link, client: Client, data: bytes) -> None:
         """Who has never sent a sound frame is not a client, however much else it sends."""
@@ -194,43 +221,21 @@ class MavlinkServer:
             self._autopilot.hear_ground_station()
 
     def _on_command(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
-        command, parameters = message.command, commands.parameters_of(message)
-        if command == mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
-            self._on_reboot(channel, message, parameters)
-            return
-        outcome = self._link_commands.execute(channel, command, parameters, self._snapshot())
-        if outcome is None:
-            if command == mavlink.MAV_CMD_DO_SET_MODE:
-                # PX4's receiver accepts at once; its commander's verdict follows as a second one.
-                self._acknowledge(channel, message, Ack.ACCEPTED)
-            outcome = commands.execute(self._autopilot, command, parameters), ()
-        ack, answers = outcome
-        self._acknowledge(channel, message, ack)
-        for answer in answers:
-            self._send(channel, answer)
-
-    def _on_reboot(
-        self, channel: Channel, message: mavlink.MAVLink_message, p: commands.Parameters
-    ) -> None:
-        """The answer still comes from the old self; then all streams begin anew."""
-        nothing_to_do, reboot = 0, 1
-        ack = Ack.ACCEPTED if p[0] == nothing_to_do else Ack.DENIED
-        if p[0] == reboot:
-            ack = self._autopilot.reboot()
-        self._acknowledge(channel, message, ack)
-        if ack is Ack.ACCEPTED and p[0] == reboot:
+        rebooted = self._commands.obey(
+            channel, message, self._snapshot(), lambda answer: self._send(channel, answer)
+        )
+        if rebooted:
             channel.flush()
             self._source = _source_of(self._autopilot)
             self._channels.clear()
 
-    def _acknowledge(self, channel: Channel, message: mavlink.MAVLink_message, ack: Ack) -> None:
-        sender = message.get_srcSystem(), message.get_srcComponent()
-        self._send(
-            channel, mavlink.MAVLink_command_ack_message(message.command, int(ack), 0, 0, *sender)
-        )
-
     def _on_setpoint(self, _: Channel, message: mavlink.MAVLink_message) -> None:
-        setpoint = offboard_setpoint(message, self._autopilot.estimate)
+        if message.get_msgId() == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT:
+            home_ned_m = self._autopilot.plans.home.position_ned_m
+            frames = GLOBAL_FRAMES
+            setpoint = global_setpoint(message, Datum(self._origin, home_ned_m[2]))
+        else:
+            frames, setpoint = FRAMES, offboard_setpoint(message, self._autopilot.estimate)
         if setpoint is not None:
             self._autopilot.set_offboard_setpoint(setpoint)
         elif message.coordinate_frame not in self._unknown_frames:
@@ -238,7 +243,7 @@ class MavlinkServer:
             logger.warning(
                 "setpoints in MAV_FRAME %d are ignored; known frames: %s",
                 message.coordinate_frame,
-                ", ".join(map(str, sorted(FRAMES))),
+                ", ".join(map(str, sorted(frames))),
             )
 
     def _on_attitude_setpoint(self, _: Channel, message: mavlink.MAVLink_message) -> None:
@@ -247,6 +252,11 @@ class MavlinkServer:
     def _on_manual_control(self, _: Channel, message: mavlink.MAVLink_message) -> None:
         if message.target in {0, self._source.system_id}:
             self._autopilot.set_manual_input(manual_input(message))
+
+    def _on_vision(self, _: Channel, message: mavlink.MAVLink_message) -> None:
+        sample = self._vision.read(message)
+        if sample is not None:
+            self._autopilot.take_vision(sample)
 
     def _on_timesync(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
         if message.tc1 == 0:  # a question; anything else answers one

@@ -18,10 +18,12 @@ from sitl.autopilot.interface import (
     ManualInput,
     OffboardSetpoint,
 )
+from sitl.mavlink.places import ABOVE_HOME, ABOVE_SEA, Datum
 
 _BODY_FRAMES = {mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED}
 _OFFSET_FRAMES = {mavlink.MAV_FRAME_LOCAL_OFFSET_NED, *_BODY_FRAMES}
-FRAMES = {mavlink.MAV_FRAME_LOCAL_NED, *_OFFSET_FRAMES}
+FRAMES = frozenset({mavlink.MAV_FRAME_LOCAL_NED, *_OFFSET_FRAMES})
+GLOBAL_FRAMES = ABOVE_SEA | ABOVE_HOME
 
 _IGNORE_POSITION = (1, 2, 4)
 _IGNORE_VELOCITY = (8, 16, 32)
@@ -63,6 +65,22 @@ def offboard_setpoint(
         yaw_rad = wrap_angle_rad(yaw_rad + estimate.yaw_rad)
     yaw_rate_rad_s = _number(message.yaw_rate, _IGNORE_YAW_RATE, mask)
     return OffboardSetpoint(position, velocity, yaw_rad, yaw_rate_rad_s, acceleration)
+
+
+def global_setpoint(message: mavlink.MAVLink_message, datum: Datum) -> OffboardSetpoint | None:
+    """SET_POSITION_TARGET_GLOBAL_INT; None for a frame that is not one of GLOBAL_FRAMES."""
+    m, mask = message, message.type_mask
+    if m.coordinate_frame not in GLOBAL_FRAMES:
+        return None
+    north_m, east_m = datum.origin.level_m(m.lat_int * 1e-7, m.lon_int * 1e-7)
+    place = north_m, east_m, datum.down_m(m.coordinate_frame, m.alt)
+    return OffboardSetpoint(
+        _masked(place, _IGNORE_POSITION, mask),
+        _masked((m.vx, m.vy, m.vz), _IGNORE_VELOCITY, mask),
+        _number(m.yaw, _IGNORE_YAW, mask),
+        _number(m.yaw_rate, _IGNORE_YAW_RATE, mask),
+        _masked((m.afx, m.afy, m.afz), _IGNORE_ACCELERATION, mask),
+    )
 
 
 def attitude_setpoint(message: mavlink.MAVLink_message) -> AttitudeSetpoint:

@@ -1,4 +1,4 @@
-"""One moment of the vehicle, and where on Earth it is said to be."""
+"""One moment of the vehicle, from which every message of that moment is built."""
 
 import math
 from collections.abc import Mapping
@@ -6,24 +6,26 @@ from typing import NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from sitl.autopilot.estimation.quality import Quality
 from sitl.autopilot.interface import Estimate, VehicleStatus
-
-HOME_LATITUDE_DEG = 51.9906
-HOME_LONGITUDE_DEG = 4.3768
-HOME_AMSL_M = 10.0
-"""Where local (0, 0, 0) is said to be on Earth: a flight hall in Delft. There is no GPS indoors."""
+from sitl.mavlink.places import Origin
+from sitl.sensors.suite import Sensors
 
 Message: TypeAlias = mavlink.MAVLink_message
 
 
 class Snapshot(NamedTuple):
-    """One moment of the vehicle, from which every message of that moment is built."""
+    """What is known, and where on Earth it is said to be."""
 
     estimate: Estimate
     status: VehicleStatus
     time_s: float
     """When it is told: since boot, as are all stamps. The estimate may be a little older."""
     parameters: Mapping[str, float | int]
+    origin: Origin
+    sensors: Sensors
+    """Read when they are asked."""
+    quality: Quality
 
     @property
     def boot_ns(self) -> int:
@@ -45,6 +47,10 @@ class Snapshot(NamedTuple):
     def height_m(self) -> float:
         """Above the floor at the start."""
         return -self.estimate.position_ned_m[2]
+
+    @property
+    def amsl_m(self) -> float:
+        return self.origin.amsl_m + self.height_m
 
     @property
     def height_over_home_m(self) -> float:

@@ -5,9 +5,9 @@ from pymavlink.dialects.v20 import development
 
 from companion.kernel.frames import quaternion_from_euler
 from companion.kernel.messages import NAN
+from sitl.failures import Unit
 from sitl.mavlink import modes
-from sitl.mavlink.places import degrees_from_ned
-from sitl.mavlink.snapshot import HOME_AMSL_M, Message, Snapshot, percent
+from sitl.mavlink.snapshot import Message, Snapshot, percent
 
 _PX4_VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255
 _CAPABILITIES = (
@@ -19,32 +19,23 @@ _CAPABILITIES = (
     | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
     | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
     | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
     | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
 )
 _SENSORS_ALWAYS = (
     mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
     | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
-    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
-    | mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
     | mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
-    | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
 )
-_SENSORS_WHEN_READY = (
-    mavlink.MAV_SYS_STATUS_SENSOR_OPTICAL_FLOW
-    | mavlink.MAV_SYS_STATUS_AHRS
-    | mavlink.MAV_SYS_STATUS_PREARM_CHECK
-)
-_ESTIMATES_WHEN_READY = (
-    mavlink.ESTIMATOR_VELOCITY_HORIZ
-    | mavlink.ESTIMATOR_VELOCITY_VERT
-    | mavlink.ESTIMATOR_POS_HORIZ_REL
-    | mavlink.ESTIMATOR_POS_VERT_ABS
-    | mavlink.ESTIMATOR_POS_VERT_AGL
-)
+_SENSORS_THAT_FAIL = {
+    Unit.MAGNETOMETER: mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG,
+    Unit.BAROMETER: mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE,
+    Unit.OPTICAL_FLOW: mavlink.MAV_SYS_STATUS_SENSOR_OPTICAL_FLOW,
+    Unit.RANGE_FINDER: mavlink.MAV_SYS_STATUS_SENSOR_LASER_POSITION,
+    Unit.BATTERY: mavlink.MAV_SYS_STATUS_SENSOR_BATTERY,
+}
+_WHEN_READY = mavlink.MAV_SYS_STATUS_AHRS | mavlink.MAV_SYS_STATUS_PREARM_CHECK
 _UNKNOWN_UINT16 = 0xFFFF
-_SEA_LEVEL_HPA, _SEA_LEVEL_C, _ZERO_C_K = 1013.25, 15.0, 273.15
-_LAPSE_C_PER_M = 0.0065
-_BAROMETRIC_EXPONENT = 5.25588  # g M / (R L)
 
 
 def heartbeat(now: Snapshot) -> Message:
@@ -61,8 +52,17 @@ def heartbeat(now: Snapshot) -> Message:
 
 def sys_status(now: Snapshot) -> Message:
     s = now.status
-    known = _SENSORS_ALWAYS | _SENSORS_WHEN_READY
-    healthy = known if now.ready else _SENSORS_ALWAYS
+    known, healthy = _WHEN_READY | _SENSORS_ALWAYS, _SENSORS_ALWAYS
+    for unit, bit in _SENSORS_THAT_FAIL.items():
+        known |= bit
+        healthy |= bit if now.sensors.works(unit) else 0
+    if now.parameters["SYS_HAS_GPS"]:
+        known |= mavlink.MAV_SYS_STATUS_SENSOR_GPS
+        healthy |= mavlink.MAV_SYS_STATUS_SENSOR_GPS if now.sensors.fix() else 0
+    if now.quality.absolute:
+        known |= mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION
+        healthy |= mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION
+    healthy |= _WHEN_READY if now.ready and now.quality.level_valid else 0
     return mavlink.MAVLink_sys_status_message(
         known,
         known,
@@ -96,19 +96,6 @@ def ping(now: Snapshot) -> Message:
     return mavlink.MAVLink_ping_message(round(now.time_s * 1e6), round(now.time_s), 0, 0)
 
 
-def scaled_pressure(now: Snapshot) -> Message:
-    """The standard atmosphere (ISO 2533) at the estimated height."""
-    celsius = _SEA_LEVEL_C - _LAPSE_C_PER_M * (HOME_AMSL_M + now.height_m)
-    ratio = (celsius + _ZERO_C_K) / (_SEA_LEVEL_C + _ZERO_C_K)
-    pressure_hpa = _SEA_LEVEL_HPA * ratio**_BAROMETRIC_EXPONENT
-    return mavlink.MAVLink_scaled_pressure_message(
-        now.boot_ms,
-        pressure_hpa + now.parameters["SIM_BARO_OFF_P"],
-        0.0,
-        round((celsius + now.parameters["SIM_BARO_OFF_T"]) * 100),
-    )
-
-
 def current_mode(now: Snapshot) -> Message:
     status = now.status
     return development.MAVLink_current_mode_message(
@@ -124,11 +111,6 @@ def vibration(now: Snapshot) -> Message:
     return mavlink.MAVLink_vibration_message(
         now.boot_us, 0.0, status.gyro_vibration_rad_s, status.acceleration_vibration_m_s2, 0, 0, 0
     )
-
-
-def estimator_status(now: Snapshot) -> Message:
-    flags = mavlink.ESTIMATOR_ATTITUDE | (_ESTIMATES_WHEN_READY if now.ready else 0)
-    return mavlink.MAVLink_estimator_status_message(now.boot_us, flags, *(0.0,) * 8)
 
 
 def battery_status(now: Snapshot) -> Message:
@@ -151,19 +133,29 @@ def mission_current(now: Snapshot) -> Message:
     return mavlink.MAVLink_mission_current_message(*now.status.mission)
 
 
-def gps_raw_int(now: Snapshot) -> Message:
-    no_fix = mavlink.GPS_FIX_TYPE_NO_FIX
-    unknown = (_UNKNOWN_UINT16,) * 4
-    return mavlink.MAVLink_gps_raw_int_message(now.boot_us, no_fix, 0, 0, 0, *unknown, 0)
+def orbit_execution_status(now: Snapshot) -> Message | None:
+    """None while none is flown."""
+    orbit = now.status.orbit
+    if orbit is None:
+        return None
+    latitude_deg, longitude_deg = now.origin.degrees(orbit.centre_ned_m)
+    return mavlink.MAVLink_orbit_execution_status_message(
+        now.boot_us,
+        orbit.radius_m,
+        mavlink.MAV_FRAME_GLOBAL,
+        round(latitude_deg * 1e7),
+        round(longitude_deg * 1e7),
+        now.origin.amsl_m - orbit.centre_ned_m[2],
+    )
 
 
 def home_position(now: Snapshot) -> Message:
     home_ned_m = now.status.home_ned_m
-    latitude_deg, longitude_deg = degrees_from_ned(home_ned_m)
+    latitude_deg, longitude_deg = now.origin.degrees(home_ned_m)
     return mavlink.MAVLink_home_position_message(
         round(latitude_deg * 1e7),
         round(longitude_deg * 1e7),
-        round((HOME_AMSL_M - home_ned_m[2]) * 1e3),
+        round((now.origin.amsl_m - home_ned_m[2]) * 1e3),
         *home_ned_m,
         quaternion_from_euler(0.0, 0.0, now.status.home_yaw_rad),
         NAN,

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 from pymavlink.dialects.v20 import common as mavlink
 from pymavlink.dialects.v20 import development
 
-from sitl.mavlink import motion, state
+from sitl.mavlink import motion, sensing, state
 from sitl.mavlink.link_url import Profile
 from sitl.mavlink.snapshot import Message, Snapshot
 
@@ -14,7 +14,8 @@ from sitl.mavlink.snapshot import Message, Snapshot
 class Stream(NamedTuple):
     """Rates at start-up; 0 sends the message on request only."""
 
-    builder: Callable[[Snapshot], Message]
+    builder: Callable[[Snapshot], Message | None]
+    """None while there is nothing to send."""
     onboard_hz: float
     gcs_hz: float
 
@@ -28,30 +29,33 @@ STREAMS: Final[Mapping[int, Stream]] = {
     mavlink.MAVLINK_MSG_ID_ATTITUDE: Stream(motion.attitude, 100.0, 15.0),
     mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: Stream(motion.attitude_quaternion, 50.0, 10.0),
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Stream(motion.global_position_int, 50.0, 5.0),
-    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: Stream(motion.highres_imu, 50.0, 0.0),
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: Stream(sensing.highres_imu, 50.0, 0.0),
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: Stream(motion.local_position_ned, 30.0, 1.0),
-    mavlink.MAVLINK_MSG_ID_ODOMETRY: Stream(motion.odometry, 30.0, 0.0),
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: Stream(sensing.odometry, 30.0, 0.0),
     mavlink.MAVLINK_MSG_ID_TIMESYNC: Stream(state.timesync, 10.0, 0.0),
     mavlink.MAVLINK_MSG_ID_ALTITUDE: Stream(motion.altitude, 10.0, 1.0),
-    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: Stream(motion.distance_sensor, 10.0, 0.5),
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: Stream(sensing.distance_sensor, 10.0, 0.5),
     mavlink.MAVLINK_MSG_ID_VFR_HUD: Stream(motion.vfr_hud, 10.0, 4.0),
     mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: Stream(motion.attitude_target, 10.0, 2.0),
     mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: Stream(
         motion.position_target_local_ned, 10.0, 1.5
     ),
     mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: Stream(motion.servo_output_raw, 10.0, 1.0),
-    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: Stream(state.gps_raw_int, 8.0, 5.0),
+    mavlink.MAVLINK_MSG_ID_OPTICAL_FLOW_RAD: Stream(sensing.optical_flow_rad, 10.0, 1.0),
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: Stream(sensing.gps_raw_int, 8.0, 5.0),
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: Stream(state.sys_status, 5.0, 1.0),
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Stream(state.extended_sys_state, 5.0, 1.0),
+    mavlink.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS: Stream(state.orbit_execution_status, 2.0, 2.0),
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: Stream(state.system_time, 1.0, 0.0),
     mavlink.MAVLINK_MSG_ID_PING: Stream(state.ping, 1.0, 0.1),
-    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: Stream(state.estimator_status, 1.0, 0.5),
-    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: Stream(state.scaled_pressure, 1.0, 1.0),
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: Stream(sensing.estimator_status, 1.0, 0.5),
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: Stream(sensing.scaled_pressure, 1.0, 1.0),
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: Stream(state.mission_current, 1.0, 1.0),
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: Stream(state.home_position, 0.5, 0.5),
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: Stream(state.battery_status, 0.5, 0.5),
     development.MAVLINK_MSG_ID_CURRENT_MODE: Stream(state.current_mode, 0.5, 0.5),
     mavlink.MAVLINK_MSG_ID_VIBRATION: Stream(state.vibration, 0.5, 0.1),
+    mavlink.MAVLINK_MSG_ID_SCALED_IMU: Stream(sensing.scaled_imu, 0.0, 0.0),
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: Stream(state.autopilot_version, 0.0, 0.0),
 }
 
@@ -62,14 +66,14 @@ _CLOCK_TOLERANCE_S = 1e-6
 class Schedule:
     """The periods of one client's messages; only heartbeats until ``start``."""
 
-    def __init__(self, profile: Profile, time_s: float, heartbeat_us: float = 1e6) -> None:
+    def __init__(self, profile: Profile, time_s: float) -> None:
         self._profile = profile
         self._period_s: dict[int, float] = {}
         self._due_s: dict[int, float] = {}
         self._chosen: set[int] = set()
         self._started = False
         self._soonest_s = float("inf")
-        self.set_interval(mavlink.MAVLINK_MSG_ID_HEARTBEAT, heartbeat_us, time_s)
+        self.set_interval(mavlink.MAVLINK_MSG_ID_HEARTBEAT, 0.0, time_s)
 
     def start(self, time_s: float) -> None:
         """All streams of the profile whose rates were not asked for yet."""

@@ -1,10 +1,12 @@
 """A UDP socket: one far end that is spoken to, or clients that speak first."""
 
 import socket
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from companion.kernel.clock import wall_s
 from companion.kernel.errors import SimulatorError
+from sitl.conditions import LinkConditions
+from sitl.mavlink.impaired import DatagramSocket, ImpairedSocket
 from sitl.mavlink.link_url import LOOPBACK, LinkAddress, SocketAddress, parse_link
 
 CLIENT_SILENCE_LIMIT_S = 10.0
@@ -40,12 +42,17 @@ class UdpLink:
     def __init__(self, url: str) -> None:
         address = parse_link(url)
         self.profile = address.profile
-        self.socket, remote = _open(url, address)
+        opened, remote = _open(url, address)
+        self.socket: DatagramSocket = opened
         self._clients: dict[SocketAddress, UdpClient] = {}
         if remote is not None:
             self._clients[remote] = UdpClient(self, remote, expected=True)
-        host, port = self.socket.getsockname()[:2]
+        host, port = opened.getsockname()[:2]
         self.url = url if remote else f"udpin://{host}:{port}"
+
+    def impair(self, conditions: LinkConditions, now_s: Callable[[], float]) -> None:
+        """From now on datagrams travel under these conditions; delays are of ``now_s``."""
+        self.socket = ImpairedSocket(self.socket, conditions, now_s)
 
     @property
     def clients(self) -> Sequence[UdpClient]:

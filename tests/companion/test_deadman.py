@@ -1,7 +1,9 @@
 """The deadman's stages, by the clock; and that a blocked event loop cannot stop it."""
 
 import asyncio
+import sys
 import threading
+from asyncio.subprocess import PIPE
 from pathlib import Path
 
 import pytest
@@ -25,14 +27,14 @@ class Actions:
     def __init__(self, error=None):
         self.asked = []
         self._changed = threading.Condition()
-        self._error = error
+        self.error = error
 
     def _ask(self, name):
         with self._changed:
             self.asked.append(name)
             self._changed.notify_all()
-        if self._error is not None:
-            raise self._error
+        if self.error is not None:
+            raise self.error
 
     def stop(self):
         self._ask("stop")
@@ -44,8 +46,11 @@ class Actions:
         self._ask("land")
 
     def wait_for(self, *names):
+        self.wait_until(lambda asked: asked == list(names))
+
+    def wait_until(self, true_of):
         with self._changed:
-            assert self._changed.wait_for(lambda: self.asked == list(names), LIMIT_S), self.asked
+            assert self._changed.wait_for(lambda: true_of(self.asked), LIMIT_S), self.asked
 
 
 @pytest.fixture
@@ -105,7 +110,18 @@ def test_it_goes_on_when_an_action_fails(watched):
     deadman, actions, clock = watched(QUICK, LinkError("gone"))
     deadman.feed()
     clock.time_s = 0.6
-    actions.wait_for("stop", "hold", "land")
+    actions.wait_until(lambda asked: list(dict.fromkeys(asked)) == ["stop", "hold", "land"])
+
+
+def test_what_failed_is_tried_again_until_it_works(watched):
+    deadman, actions, clock = watched(QUICK, LinkError("gone"))
+    deadman.feed()
+    clock.time_s = 0.6
+    actions.wait_until(lambda asked: asked.count("land") == 2)
+    actions.error = None  # the link is back
+    actions.wait_until(lambda asked: asked.count("land") == 3)
+    threading.Event().wait(0.7)
+    assert actions.asked.count("land") == 3
 
 
 def test_resting_ends_the_watch(watched):
@@ -149,6 +165,46 @@ def test_a_blocked_event_loop_stops_the_vehicle_and_lands_it(tmp_path):
                 assert not vehicle.telemetry().armed
 
     asyncio.run(run())
+
+
+HUNG = """
+import asyncio, ctypes, sys
+from companion.kernel.clock import WallClock
+from companion.kernel.messages import Setpoint
+from companion.vehicle.deadman import DeadmanSettings
+from companion.vehicle.mavsdk_vehicle import MavsdkSettings, MavsdkVehicle
+
+async def run(url, speed):
+    clock = WallClock(speed)
+    settings = MavsdkSettings(deadman=DeadmanSettings(exit_after_s=0.5))
+    async with MavsdkVehicle(url, clock, settings) as vehicle:
+        await vehicle.take_off(1.0)
+        await vehicle.start_offboard(Setpoint(stamp_ns=0))
+        await vehicle.send(Setpoint(stamp_ns=0, velocity_hfrd_m_s=(0.3, 0.0, 0.0)))
+        ctypes.PyDLL(None).sleep(60)  # with Python's lock held, as a bad driver would
+
+asyncio.run(run(sys.argv[1], float(sys.argv[2])))
+"""
+
+
+def test_what_blocks_python_as_a_whole_ends_the_process_and_the_setpoints(tmp_path):
+    speed = 10.0
+    request = SimulationRequest(
+        room=str(ROOM), seed=1, speed=speed, camera_rate_hz=10.0, log_dir=str(tmp_path)
+    )
+
+    async def run():
+        async with launch(request) as endpoints:
+            hung = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-c", HUNG, endpoints.mavlink_url, str(speed)), stderr=PIPE
+            )
+            _, said = await hung.communicate()
+            return hung.returncode, said.decode()
+
+    code, said = asyncio.run(run())
+    assert code == 1
+    assert said.startswith("Timeout (0:00:00.5")
+    assert "in run" in said  # the trace shows where it hung
 
 
 def block_the_event_loop(duration_s):

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from companion.camera.calibration_file import load_calibration
 from companion.camera.device import DeviceStereoCamera, Stamps, VideoStereoCamera
 from companion.camera.logged import LoggedRecording
 from companion.camera.replay import ReplayCamera
@@ -16,7 +17,6 @@ from companion.camera.spec import (
     RemoteSpec,
     SimulatedSpec,
     VideoSpec,
-    load_calibration,
     open_camera,
     parse_camera,
 )
@@ -224,7 +224,7 @@ def test_wrong_words_say_what_is_allowed(spec, text):
     ("old", "new", "text"),
     [
         ("baseline_m", "base_line_m", r"base_line_m: unknown key; did you mean 'baseline_m'\?"),
-        ("baseline_m = 0.06", "baseline_m = 0.0", r"baseline_m: 0.0, must be above 0"),
+        ("baseline_m = 0.06", "baseline_m = 0.0", r"baseline_m: 0.0; must be above 0"),
         ("width_px = 64", 'width_px = "64"', r"width_px: Expected `int`"),
     ],
 )

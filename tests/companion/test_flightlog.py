@@ -274,7 +274,8 @@ import os, signal, sys
 from pathlib import Path
 from companion.flightlog import FlightLogWriter, FlightMetadata
 from companion.kernel.messages import Telemetry
-log = FlightLogWriter(Path(sys.argv[1]), FlightMetadata(plan={}, seed=1, version="0"))
+metadata = FlightMetadata(plan={}, seed=1, version="0")
+log = FlightLogWriter(Path(sys.argv[1]), metadata, patient=True)
 for i in range(100):
     log.write("/telemetry", Telemetry(stamp_ns=i * 100_000_000))
 os.kill(os.getpid(), signal.SIGKILL)
@@ -294,7 +295,7 @@ def test_a_killed_process_loses_at_most_a_second(tmp_path):
 def test_a_full_disk_is_one_error_and_leaves_a_log(tmp_path):
     path = tmp_path / "flight.mcap"
     unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
-    log = FlightLogWriter(path, META)
+    log = FlightLogWriter(path, META, patient=True)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, unlimited[1]))
     try:
         with pytest.raises(RecordingError, match=r"flight.mcap: cannot be written: ") as caught:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from companion import gradients
-from companion.features import GradientFeatures, TextonFeatures
+from companion.features import TextonFeatures, ViewFeatures
 from companion.kernel.errors import PlanError
 from companion.textons import TextonDictionary, TextonSettings
 
@@ -58,7 +58,7 @@ def test_a_larger_camera_gives_nearly_the_same_features():
 
 
 def test_gradients_are_ready_at_once_and_refuse_textons():
-    extractor = GradientFeatures()
+    extractor = ViewFeatures("gradients")
     assert extractor.observe(stripes(16), frozen=True) is not None
     with pytest.raises(PlanError, match="use no textons"):
         extractor.adopt(TextonDictionary(np.zeros((1, 25)), np.zeros((1, 25))))

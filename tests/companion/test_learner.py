@@ -165,7 +165,7 @@ def test_fixed_threshold_is_the_plans_or_a_share_of_stereos():
 def test_a_saved_model_flies_on_as_if_it_had_never_landed(tmp_path, learned):
     save_model(tmp_path / "model.npz", learned.state(), CALIBRATION)
     again = Learner(settings(smooth_frames=1, preset="none"), np.random.default_rng(7))
-    again.restore(load_model(tmp_path / "model.npz", CALIBRATION))
+    again.restore(load_model(tmp_path / "model.npz", CALIBRATION).state)
     truth_px = np.linspace(1, 12, 10)
     np.testing.assert_array_equal(estimates(again, truth_px), estimates(learned, truth_px))
     assert [path.name for path in tmp_path.iterdir()] == ["model.npz"]
@@ -246,3 +246,19 @@ def test_a_missing_model_and_an_unwritable_place_are_named(tmp_path, learned):
         load_model(tmp_path / "gone.npz", CALIBRATION)
     with pytest.raises(CompanionError, match="model cannot be written"):
         save_model(tmp_path / "nowhere" / "model.npz", learned.state(), CALIBRATION)
+
+
+def test_the_entropy_alone_is_one_feature_that_falls_as_the_wall_nears(learned):
+    learner = Learner(
+        settings(preset="none", features="entropy", regressor="ridge", smooth_frames=1),
+        np.random.default_rng(0),
+        learned.dictionary,
+    )
+    rng = np.random.default_rng(2)
+    entropies = [learner.observe(view(px, rng)) for px in np.linspace(1.0, 12.0, 60)]
+    assert {entropy.shape for entropy in entropies} == {(1,)}
+    assert np.corrcoef(np.concatenate(entropies), np.arange(60))[0, 1] < -0.8
+    taught(learner, 200)
+    assert (
+        estimates(learner, [11.0] * 10)[:, 0].mean() > estimates(learner, [2.0] * 10)[:, 0].mean()
+    )

@@ -45,7 +45,9 @@ async def fly(vehicle, clock, duration_s, **setpoint):
 
 
 def test_a_whole_flight(tmp_path):
-    limits = MavsdkSettings(deadman=DeadmanSettings(stop_after_s=10.0))  # a busy host is no hang
+    limits = MavsdkSettings(
+        deadman=DeadmanSettings(stop_after_s=10.0, exit_after_s=60.0)
+    )  # a busy host is no hang
 
     async def run():
         async with flying_machine(tmp_path, limits) as (vehicle, clock, endpoints):

@@ -104,7 +104,7 @@ def test_negative_disparity_of_a_poor_calibration_is_learned_from():
 
 def test_saved_and_restored_it_sees_the_same(tmp_path, learned):
     save_model(tmp_path / "model.npz", learned.state(), CALIBRATION)
-    state = load_model(tmp_path / "model.npz", CALIBRATION)
+    state = load_model(tmp_path / "model.npz", CALIBRATION).state
     restored = Learner(best(), np.random.default_rng(5)).restore(state)
     truth_px = [2.0, 5.0, 11.0]
     np.testing.assert_array_equal(estimates(restored, truth_px), estimates(learned, truth_px))
@@ -136,7 +136,7 @@ def test_each_choice_of_the_preset_can_be_made_otherwise():
     [
         ({"features": "gradients", **PAPER}, 'contradicts preset "paper"'),
         ({"target": "log", **PAPER}, "target = log contradicts"),
-        ({"preset": "none", "views": 3}, "with textons it must be 0"),
+        ({"preset": "none", "views": 3}, 'views must be 0 with features "textons"'),
         ({"dictionary": "model.npz"}, 'features "gradients" use no textons'),
     ],
 )

@@ -12,6 +12,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 from companion.regressors import (
     REGRESSORS,
     GPRegressor,
+    MeanRegressor,
     MLPRegressor,
     RegressorSettings,
     RidgeRegressor,
@@ -19,8 +20,11 @@ from companion.regressors import (
 )
 from companion.regressors.scaling import Rarity, RunningScale
 
+NAMES = sorted(set(REGRESSORS) - {"cnn"})
+"""cnn sees images only, and has tests of its own."""
 
-@parametrize_with_checks([RidgeRegressor(), GPRegressor(), MLPRegressor()])
+
+@parametrize_with_checks([RidgeRegressor(), GPRegressor(), MLPRegressor(), MeanRegressor()])
 def test_keeps_scikit_learns_contract(estimator, check):
     check(estimator)
 
@@ -61,7 +65,7 @@ def test_far_from_all_samples_the_spread_is_wider(planted, name):
     assert far > 1.2 * near
 
 
-@pytest.mark.parametrize("name", sorted(REGRESSORS))
+@pytest.mark.parametrize("name", NAMES)
 def test_a_restored_model_predicts_and_learns_on_to_the_bit(planted, name):
     X, y = planted
     original = taught(name, X[:200], y[:200])
@@ -76,7 +80,7 @@ def test_a_restored_model_predicts_and_learns_on_to_the_bit(planted, name):
         assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize("name", sorted(REGRESSORS))
+@pytest.mark.parametrize("name", NAMES)
 def test_a_snapshot_does_not_learn_on(planted, name):
     X, y = planted
     model = taught(name, X[:100], y[:100])
@@ -86,7 +90,7 @@ def test_a_snapshot_does_not_learn_on(planted, name):
     assert_array_equal(snapshot.predict(X[:20]), before)
 
 
-@pytest.mark.parametrize("name", sorted(REGRESSORS))
+@pytest.mark.parametrize("name", NAMES)
 def test_an_untrained_model_has_no_state_and_predicts_nothing(name):
     model = make(name, RegressorSettings())
     assert model.state() == {}
@@ -158,3 +162,10 @@ def test_rarity_is_a_share_and_balances_a_ridge():
         RidgeRegressor(balance=power).fit(X, y).predict(X[y > 3.0]).mean() for power in (0.0, 1.0)
     )
     assert plain + 1.0 < balanced < 5.5
+
+
+def test_the_mean_is_the_mean_of_all_it_saw(planted):
+    X, y = planted
+    mean, std = taught("mean", X, y, rows=7).predict(X[:3], return_std=True)
+    assert_allclose(mean, y.mean())
+    assert_allclose(std, y.std())

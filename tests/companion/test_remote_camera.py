@@ -1,6 +1,7 @@
 """The camera's socket: what is sent is what arrives, and what goes wrong is said in one line."""
 
 import asyncio
+import math
 
 import msgspec
 import numpy as np
@@ -132,12 +133,34 @@ def test_a_spoilt_frame_is_refused(spoil, message):
 
 
 def test_an_oversize_image_is_refused_before_it_is_copied():
-    huge = msgspec.structs.replace(CALIBRATION, width_px=1 << 20, height_px=1 << 20)
+    huge = msgspec.structs.replace(CALIBRATION, width_px=8192, height_px=8192)
     header = wire.FrameHeader(
-        sequence=0, stamp_ns=0, width_px=1 << 20, height_px=1 << 20, calibration=huge
+        sequence=0, stamp_ns=0, width_px=8192, height_px=8192, calibration=huge
     )
-    with pytest.raises(CameraError, match=r"image of 1048576x1048576 px; at most"):
+    with pytest.raises(CameraError, match=r"image of 8192x8192 px; at most"):
         wire.decode_frame([wire.FRAME_TOPIC, msgspec.msgpack.encode(header), b"", b""])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"width_px": -8, "height_px": -6}, "calibration.width_px"),
+        ({"width_px": 1 << 20}, "Expected `int` <= 8192"),
+        ({"baseline_m": 0.0}, "baseline_m: 0.0; must be above 0"),
+        ({"baseline_m": math.nan}, "baseline_m: nan; must be above 0"),
+        ({"left": {"focal_x_px": -1.0}}, "focal_x_px: -1.0; must be above 0"),
+        ({"right": {"centre_x_px": math.inf}}, "centre: .* must be finite"),
+        ({"right_from_left": [math.nan] * 9}, "right_from_left: .* must be finite"),
+    ],
+)
+def test_a_calibration_that_no_camera_has_is_refused(wrong, said):
+    parts = wire.encode_frame(a_frame(1), 1, CALIBRATION)
+    calibration = msgspec.to_builtins(CALIBRATION)
+    for name, value in wrong.items():
+        calibration[name] = calibration[name] | value if isinstance(value, dict) else value
+    size = {name: calibration[name] for name in ("width_px", "height_px")}
+    with pytest.raises(CameraError, match=f"damaged header: .*{said}"):
+        wire.decode_frame(changed(parts, calibration=calibration, **size))
 
 
 def test_frames_arrive_with_the_calibration(publisher):

@@ -114,3 +114,13 @@ def test_a_wrong_wish_is_refused(make_lockstep, wish, said):
     with pytest.raises(PlanError) as caught:
         make_lockstep(**wish)
     assert said in str(caught.value)
+
+
+@pytest.mark.flight(faults={"link_loss_norm": 0.3, "link_latency_s": 0.3})
+def test_a_bad_link_delays_but_does_not_end_a_flight(vehicle):
+    vehicle.take_off(1.2)
+    vehicle.fly_velocity(3.0, forward_m_s=0.5)
+    vehicle.inject(link_loss_norm=0.0, link_latency_s=0.0)
+    vehicle.wait_until_hovering()
+    vehicle.expect_no_collision()
+    vehicle.land()

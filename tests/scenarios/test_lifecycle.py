@@ -8,6 +8,7 @@ import signal
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 from companion.flight import FlightOrder, fly_plan
@@ -92,6 +93,24 @@ def test_a_signal_at_the_very_end_does_not_keep_it_from_landing(tmp_path):
 
     summary = asyncio.run(fly_plan(order, stop_at_the_last_frame))
     assert (summary.outcome, summary.frames) == ("aborted", 20)
+    log = FlightLog(tmp_path / "flight.mcap")
+    assert abs(log.columns("/mocap")["truth_position_ned_m"][-1, 2]) < 0.15
+
+
+def test_a_learner_that_fails_brings_the_vehicle_down(tmp_path, caplog):
+    plan = load_plan(PLAN, ["experiment.initial_s=60"])
+    order = FlightOrder(plan=plan, plan_path=PLAN, vehicle="lockstep", log_dir=tmp_path)
+
+    def fail(features):
+        raise np.linalg.LinAlgError("singular matrix")
+
+    def spoil(step, pipeline):
+        pipeline.learner.predict = fail
+
+    summary = asyncio.run(fly_plan(order, spoil))
+    assert (summary.outcome, summary.frames) == ("failed", 1)
+    assert summary.reason == "perceiving and deciding failed: LinAlgError: singular matrix"
+    assert "Traceback" in caplog.text  # for whoever has to mend it
     log = FlightLog(tmp_path / "flight.mcap")
     assert abs(log.columns("/mocap")["truth_position_ned_m"][-1, 2]) < 0.15
 

@@ -166,7 +166,7 @@ def test_a_mission_cleared_in_flight_ends_in_hold(exact):
     [
         ([UP, Jump(5, 1)], 1, "no item to jump to: 5"),
         ([UP, Jump(1, 1)], 1, "no item to jump to: 1"),
-        ([UP, Waypoint((1.0, 0.0, 0.5))], 1, "not above home"),
+        ([UP, Waypoint((1.0, 0.0, 0.5))], 1, "below home"),
         ([UP, Waypoint((20_000.0, 0.0, -2.0))], 1, "first place is 20000 m away"),
         ([UP, SQUARE[0], Waypoint((4.0, 0.0, -1.0))], 2, "outside the geofence"),
     ],

@@ -206,3 +206,41 @@ def test_attitude_mode_takes_off_and_lands_by_thrust(flight):
     stream(flight, up._replace(thrust_norm=HOVER_NORM * 0.93), 8.0)
     stream(flight, up._replace(thrust_norm=HOVER_NORM * 0.7), 5.0)
     assert flight.status.landed_state is LandedState.ON_GROUND
+
+
+def test_thrust_alone_takes_off_from_the_ground(flight):
+    flight.get_ready()
+    thrust = [0.0]
+
+    def push():
+        flight.autopilot.set_offboard_setpoint(
+            AttitudeSetpoint(0.0, 0.0, 0.0, (NAN, NAN, NAN), thrust[0])
+        )
+
+    push()
+    flight.autopilot.arm()
+    assert flight.autopilot.set_mode(FlightMode.OFFBOARD) is Ack.ACCEPTED
+    flight.run(1.0, push)
+    thrust[0] = 0.7
+    flight.run(3.0, push)
+    assert flight.world.truth.position_ned_m[2] < -1.0
+    assert flight.said("Landing detected") == []
+
+
+def test_return_lands_on_a_home_that_was_moved(airborne):
+    assert airborne.autopilot.set_home((3.0, -2.0, 0.0)) is Ack.ACCEPTED
+    assert airborne.autopilot.set_mode(FlightMode.RTL) is Ack.ACCEPTED
+    airborne.wait_until(lambda: not airborne.status.armed, 40.0)
+    assert airborne.autopilot.estimate.position_ned_m[:2] == pytest.approx((3.0, -2.0), abs=0.2)
+
+
+def test_setpoints_from_before_a_reboot_are_forgotten(flight):
+    flight.get_ready()
+    flight.send(0.5)
+    assert flight.autopilot.reboot() is Ack.ACCEPTED
+    flight.get_ready()
+    assert flight.autopilot.set_mode(FlightMode.OFFBOARD) is Ack.ACCEPTED
+    assert flight.autopilot.arm() is Ack.TEMPORARILY_REJECTED
+    assert len(flight.said("Arming denied: no offboard setpoints")) == 1
+    flight.send()
+    assert flight.autopilot.arm() is Ack.ACCEPTED

@@ -101,7 +101,7 @@ def weak(make_flight):
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: f"{row.parameter}={row.value}-{row.says}")
-def test_cause_and_reaction(weak, row):
+def test_cause_and_reaction(weak, row, px4_row):
     assert weak.autopilot.set_parameter(row.parameter, row.value)
     row.cause(weak)
     began_s = weak.world.time_s
@@ -111,7 +111,16 @@ def test_cause_and_reaction(weak, row):
         assert weak.world.time_s < began_s + 12.0
         weak.each()
         weak.world.advance_to(weak.world.time_s + 0.02)
-    assert 0.0 <= weak.world.time_s - began_s - row.trips_s <= NOW
+    took_s = weak.world.time_s - began_s
+    px4_row(
+        "Failsafes",
+        row.says,
+        f"{row.parameter} = {row.value}",
+        f"{row.trips_s:g} s",
+        f"{took_s:.2f} s",
+        row.first if row.first is row.then else f"{row.first}, then {row.then}",
+    )
+    assert 0.0 <= took_s - row.trips_s <= NOW
     assert weak.status.mode is row.first
     delayed = row.first is HOLD and (row.then is not HOLD or row.parameter != "GF_ACTION")
     delayed = delayed and row.parameter != "COM_OBL_RC_ACT"
@@ -133,10 +142,13 @@ def test_cause_and_reaction(weak, row):
         ("GF_ACTION", 4, fence_around_elsewhere),
     ],
 )
-def test_termination_switches_the_motors_off_at_once(weak, parameter, value, cause):
+def test_termination_switches_the_motors_off_at_once(weak, parameter, value, cause, px4_row):
     weak.autopilot.set_parameter(parameter, value)
     cause(weak)
-    weak.wait_until(lambda: not weak.status.armed, 1.1)
+    began_s = weak.world.time_s
+    took_s = weak.wait_until(lambda: not weak.status.armed, 1.1) - began_s
+    what = cause.__name__.replace("_", " ").capitalize()
+    px4_row("Failsafes", what, f"{parameter} = {value}", "", f"{took_s:.2f} s", "motors off")
 
 
 def test_a_pilot_takes_over_during_the_delay_and_keeps_the_vehicle(weak):
@@ -209,7 +221,7 @@ def test_a_needed_ground_station_is_asked_for_before_arming(flight):
     assert flight.autopilot.arm() is Ack.ACCEPTED
 
 
-def test_the_tilt_limit_strikes_after_its_time(weak):
+def test_the_tilt_limit_strikes_after_its_time(weak, px4_row):
     weak.autopilot.set_parameter("FD_FAIL_R", 10)
     weak.autopilot.set_parameter("FD_FAIL_R_TTRI", 0.3)
     weak.autopilot.set_parameter("MPC_ACC_HOR", 15.0)
@@ -218,5 +230,7 @@ def test_the_tilt_limit_strikes_after_its_time(weak):
     weak.autopilot.set_mode(FlightMode.OFFBOARD)
     tilted_s = weak.wait_until(lambda: weak.world.truth.euler_rad[0] > math.radians(10.0), 1.0)
     ended_s = weak.wait_until(lambda: not weak.status.armed, 1.0)
-    assert 0.25 < ended_s - tilted_s < 0.4
+    took_s = ended_s - tilted_s
+    px4_row("Failsafes", "Tilted", "CBRK_FLIGHTTERM = 0", "0.3 s", f"{took_s:.2f} s", "motors off")
+    assert 0.25 < took_s < 0.4
     assert weak.said("Flight terminated: Attitude failure detected")

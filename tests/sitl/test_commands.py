@@ -7,10 +7,10 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.messages import FlightMode
 from sitl.autopilot.interface import Ack
-from sitl.mavlink.places import degrees_from_ned
-from sitl.mavlink.snapshot import HOME_AMSL_M
+from sitl.mavlink.places import Origin
 
 NAN = math.nan
+ORIGIN = Origin()
 UNSET = 2**31 - 1
 REPOSITION = mavlink.MAV_CMD_DO_REPOSITION
 
@@ -35,7 +35,7 @@ def place_of(flight):
 
 
 def test_reposition_flies_there_nose_ahead_and_holds(flight):
-    north_deg, east_deg = (round(d * 1e7) for d in degrees_from_ned((2.0, -1.0, 0.0)))
+    north_deg, east_deg = (round(d * 1e7) for d in ORIGIN.degrees((2.0, -1.0, 0.0)))
     frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
     go = (-1.0, 1.0, 0.0, NAN)
     assert command_int(flight, REPOSITION, frame, go, north_deg, east_deg, 1.5) == [Ack.ACCEPTED]
@@ -57,8 +57,8 @@ def test_reposition_takes_local_places_and_leaves_out_what_is_not_given(flight):
 
 
 def test_reposition_in_degrees_of_a_command_long(flight):
-    latitude_deg, longitude_deg = degrees_from_ned((3.0, 0.0, 0.0))
-    place = (latitude_deg, longitude_deg, HOME_AMSL_M + 2.0)
+    latitude_deg, longitude_deg = ORIGIN.degrees((3.0, 0.0, 0.0))
+    place = (latitude_deg, longitude_deg, ORIGIN.amsl_m + 2.0)
     assert flight.acks(REPOSITION, -1.0, 1.0, 0.0, NAN, *place) == [Ack.ACCEPTED]
     flight.run(10.0)
     # A float carries 52 degrees to 4e-6 degrees: 0.2 m along a meridian, less along a parallel.
@@ -94,7 +94,7 @@ def test_a_new_home_is_told_and_heights_and_the_fence_count_from_it(flight):
     latest = {message.get_type(): message for message in flight.run(2.1)}
     home = latest["HOME_POSITION"]
     assert (home.x, home.y, home.z) == pytest.approx((3.0, -4.0, -0.5), abs=0.02)
-    assert home.altitude == pytest.approx((HOME_AMSL_M + 0.5) * 1e3, abs=1)
+    assert home.altitude == pytest.approx((ORIGIN.amsl_m + 0.5) * 1e3, abs=1)
     height_mm = -place_of(flight)[2] * 1e3
     assert latest["GLOBAL_POSITION_INT"].relative_alt == pytest.approx(height_mm - 500, abs=60)
     flight.autopilot.set_parameter("GF_MAX_HOR_DIST", 4.0)  # home is 5 m away
@@ -176,3 +176,43 @@ def test_the_camera_is_found(fly_mavlink, camera_description):
     (stream,) = flight.answers("VIDEO_STREAM_INFORMATION")
     assert (stream.uri, stream.framerate) == ("tcp://127.0.0.1:14590", 10.0)
     assert stream.hfov == round(math.degrees(2 * math.atan(0.64)))
+
+
+def test_a_retry_is_accepted_again_and_done_once(flight):
+    home = mavlink.MAV_CMD_DO_SET_HOME
+
+    def send(confirmation, down_m=math.nan):
+        flight.client.received()
+        flight.client.send(
+            mavlink.MAVLink_command_long_message(1, 1, home, confirmation, 1.0, *(NAN,) * 5, down_m)
+        )
+        return [m.result for m in flight.answers("COMMAND_ACK")]
+
+    assert send(0) == [Ack.ACCEPTED]
+    first = flight.autopilot.status.home_ned_m
+    flight.run(1.0)
+    assert send(1) == send(2) == [Ack.ACCEPTED]
+    assert flight.autopilot.status.home_ned_m == first
+    assert send(0) == [Ack.ACCEPTED]  # asked for anew
+    assert flight.autopilot.status.home_ned_m != first
+    again = flight.autopilot.status.home_ned_m
+    flight.run(6.0)
+    assert send(1) == [Ack.ACCEPTED]  # of nothing that is remembered
+    assert flight.autopilot.status.home_ned_m != again
+
+
+def test_a_retry_of_what_was_refused_is_tried_again(fly_mavlink):
+    flight = fly_mavlink()
+    arm = mavlink.MAVLink_command_long_message(1, 1, 400, 1, 1.0, *(NAN,) * 6)
+    flight.client.send(arm)
+    assert [m.result for m in flight.answers("COMMAND_ACK")] == [Ack.TEMPORARILY_REJECTED]
+    flight.run(3.0)
+    flight.client.send(arm)
+    assert [m.result for m in flight.answers("COMMAND_ACK")] == [Ack.ACCEPTED]
+
+
+def test_flight_termination_stops_the_motors(flight):
+    assert flight.acks(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 0.0) == [Ack.ACCEPTED]
+    assert flight.autopilot.status.armed
+    assert flight.acks(mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1.0) == [Ack.ACCEPTED]
+    assert not flight.autopilot.status.armed

@@ -20,6 +20,8 @@ from sitl.mavlink.links import UdpLink, parse_link
 from sitl.mavlink.streams import STREAMS
 from sitl.mavlink.tlog import TelemetryLog
 
+ORBIT_STATUS = mavlink.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS  # while in orbit only
+
 
 @pytest.fixture
 def flight(fly_mavlink):
@@ -29,7 +31,7 @@ def flight(fly_mavlink):
 def test_streams_keep_their_rates_in_simulated_time(flight):
     counts = Counter(message.get_msgId() for message in flight.run(10.0))
     for message_id, stream in STREAMS.items():
-        expected = stream.onboard_hz * 10.0
+        expected = stream.onboard_hz * 10.0 if message_id != ORBIT_STATUS else 0.0
         assert counts[message_id] == pytest.approx(expected, abs=1.0, rel=0.02), message_id
 
 

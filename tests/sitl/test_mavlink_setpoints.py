@@ -10,7 +10,14 @@ from pymavlink.dialects.v20 import common as mavlink
 from companion.kernel.frames import quaternion_from_euler
 from companion.kernel.messages import FlightMode
 from sitl.autopilot.interface import Estimate
-from sitl.mavlink.setpoints import FRAMES, attitude_setpoint, manual_input, offboard_setpoint
+from sitl.mavlink.places import Datum, Origin
+from sitl.mavlink.setpoints import (
+    FRAMES,
+    attitude_setpoint,
+    global_setpoint,
+    manual_input,
+    offboard_setpoint,
+)
 
 IGNORE_POSITION, IGNORE_VELOCITY, IGNORE_YAW, IGNORE_YAW_RATE = 7, 56, 1024, 2048
 POSITION = (1.0, 2.0, -3.0)
@@ -49,6 +56,31 @@ def test_masked_parts_are_not_controlled():
     got = offboard_setpoint(target(mavlink.MAV_FRAME_LOCAL_NED, mask, yaw=0.3), estimate())
     assert (got.position_ned_m, got.yaw_rad) == (POSITION, 0.3)
     assert all(math.isnan(value) for value in (*got.velocity_ned_m_s, got.yaw_rate_rad_s))
+
+
+@pytest.mark.parametrize(
+    ("frame", "height_m"),
+    [
+        (mavlink.MAV_FRAME_GLOBAL_INT, 13.0),
+        (mavlink.MAV_FRAME_GLOBAL, 13.0),
+        (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, 2.0),
+    ],
+)
+def test_global_places_become_local_ones(frame, height_m):
+    origin = Origin()
+    latitude, longitude = (round(d * 1e7) for d in origin.degrees(POSITION))
+    message = mavlink.MAVLink_set_position_target_global_int_message(
+        *(0, 1, 1, frame, IGNORE_VELOCITY | 448 | IGNORE_YAW_RATE, latitude, longitude, height_m),
+        *(0.0,) * 6,
+        0.3,
+        0.0,
+    )
+    got = global_setpoint(message, Datum(origin, home_down_m=-1.0))
+    assert got.position_ned_m == pytest.approx(POSITION, abs=0.01)
+    assert got.yaw_rad == 0.3
+    assert math.isnan(got.velocity_ned_m_s[0])
+    message.coordinate_frame = mavlink.MAV_FRAME_LOCAL_NED
+    assert global_setpoint(message, Datum(origin)) is None
 
 
 def test_one_masked_axis_leaves_the_others():
@@ -147,7 +179,11 @@ streams = st.lists(
 )
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=25,
+    deadline=None,  # a busy host is no failure
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(streams)
 def test_no_setpoint_breaks_the_vehicle(make_flight, stream):
     """It may fall, but what it is stays a number."""

@@ -104,7 +104,7 @@ async def refuse_bad_plans(station, items):
             await station.mission.upload_mission(items)
     assert await said == "Item 2 rejected: outside the geofence"
     with pytest.raises(GeofenceError):
-        await station.fence.upload_geofence(circle(0.0))
+        await station.fence.upload_geofence(circle(-1.0))
     await station.fence.clear_geofence()
     assert await station.mission.download_mission() == []
 

@@ -16,8 +16,9 @@ from sitl.autopilot.parameters import default_parameters
 from sitl.autopilot.plans import Plans
 from sitl.mavlink import commands
 from sitl.mavlink.missions import MissionProtocol
-from sitl.mavlink.snapshot import HOME_AMSL_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
+from sitl.mavlink.places import Origin
 
+ORIGIN = Origin()
 MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255
 RELATIVE, LOCAL, NO_PLACE = 6, 1, 2
 ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
@@ -49,7 +50,7 @@ class Station:
 
     def __init__(self, board=None, system=255):
         self.board = board or Board()
-        self.protocol = MissionProtocol(self.board)
+        self.protocol = MissionProtocol(self.board, ORIGIN)
         self.system = system
         self.answers = []
 
@@ -114,13 +115,13 @@ def test_what_was_uploaded_comes_back_unchanged(station):
     assert station.board.plans.mission.items[3].position_ned_m == pytest.approx((0.3, 0.5, -1.5))
 
 
-def test_frames_are_turned_into_places_from_home(station):
-    east = 100.0 / (111_319.5 * math.cos(math.radians(HOME_LATITUDE_DEG)))
-    place = (round(HOME_LATITUDE_DEG * 1e7), round((HOME_LONGITUDE_DEG + east) * 1e7))
+def test_frames_are_turned_into_local_places(station):
+    east = 100.0 / (111_319.5 * math.cos(math.radians(ORIGIN.latitude_deg)))
+    place = (round(ORIGIN.latitude_deg * 1e7), round((ORIGIN.longitude_deg + east) * 1e7))
     items = [
         item(0, 22, RELATIVE, (0, 0, 0, 90), (0, 0, 2)),
         item(1, 16, RELATIVE, (3, 0.7, 0, math.nan), (*place, 3)),
-        item(2, 16, 0, (0, 0, 0, 0), (*place, HOME_AMSL_M + 4)),
+        item(2, 16, 0, (0, 0, 0, 0), (*place, ORIGIN.amsl_m + 4)),
         item(3, 177, NO_PLACE, (1, 2, 0, 0)),
     ]
     assert station.upload(items) == ACCEPTED
@@ -136,19 +137,21 @@ def test_frames_are_turned_into_places_from_home(station):
 
 def test_older_clients_send_and_get_floats(station):
     old = mavlink.MAVLink_mission_item_message(
-        *(1, 1, 0, 3, 16, 0, 1, 0.0, 0.0, 0.0, 0.0, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, 2.0)
+        *(1, 1, 0, 3, 16, 0, 1, 0.0, 0.0, 0.0, 0.0, ORIGIN.latitude_deg, ORIGIN.longitude_deg, 2.0)
     )
     assert station.upload([old]) == ACCEPTED
     station.send(mavlink.MAVLink_mission_request_message(1, 1, 0))
     (answer,) = station.take()
     assert answer.get_type() == "MISSION_ITEM"
-    assert (answer.x, answer.y) == pytest.approx((HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG), abs=1e-5)
+    assert (answer.x, answer.y) == pytest.approx(
+        (ORIGIN.latitude_deg, ORIGIN.longitude_deg), abs=1e-5
+    )
 
 
 @pytest.mark.parametrize(
     ("second", "result", "text"),
     [
-        (item(1, 2000, NO_PLACE), mavlink.MAV_MISSION_UNSUPPORTED, "MAV_CMD 2000 unknown"),
+        (item(1, 3000, NO_PLACE), mavlink.MAV_MISSION_UNSUPPORTED, "MAV_CMD 3000 unknown"),
         (item(1, 16, 10), mavlink.MAV_MISSION_UNSUPPORTED_FRAME, "MAV_FRAME 10"),
         (item(1, 16, 6), mavlink.MAV_MISSION_INVALID_PARAM5_X, "names no place"),
         (item(1, 93, 2, (-1, 0, 0, 0)), mavlink.MAV_MISSION_INVALID_PARAM1, "param1 is -1"),

@@ -1,7 +1,11 @@
-"""PX4 v1.17's rates and answers as a table: what was measured there, and what this vehicle does."""
+"""PX4 v1.17's rates and answers as a table: what was measured there, and what this vehicle does.
+
+``python -m pytest tests/sitl/test_px4_table.py tests/sitl/test_autopilot_reactions.py
+--px4-table FILE`` writes what was measured.
+"""
 
 import math
-from collections import Counter
+from collections import defaultdict
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -31,6 +35,7 @@ RATES_HZ = {
     "PING": 1,
     "SYSTEM_TIME": 1,
     "ESTIMATOR_STATUS": 1,
+    "MISSION_CURRENT": 1,
     "SCALED_PRESSURE": 1,
     "HOME_POSITION": 0.5,
     "BATTERY_STATUS": 0.5,
@@ -44,30 +49,44 @@ def message_number(name):
     return getattr(development, f"MAVLINK_MSG_ID_{name}")
 
 
+def rate_hz(times_s):
+    return (len(times_s) - 1) / (times_s[-1] - times_s[0])
+
+
 @pytest.fixture(scope="module")
-def counted(make_module_flight):
-    """Messages of 40 s by name, after the first second."""
-    flight = make_module_flight()
+def heard_s(make_module_flight):
+    """Simulated times at which messages came in 40 s, by name, after the first second."""
+    flight, times_s = make_module_flight(), defaultdict(list)
     flight.run(1.0)
-    return Counter(message.get_type() for message in flight.run(LONGEST_S))
+    for message in flight.each(LONGEST_S):
+        times_s[message.get_type()].append(flight.world.time_s)
+    return times_s
 
 
 @pytest.mark.parametrize("name", RATES_HZ)
-def test_each_stream_has_its_rate_within_five_percent(counted, name):
-    assert counted[name] / LONGEST_S == pytest.approx(RATES_HZ[name], rel=0.05)
+def test_each_stream_has_its_rate_within_five_percent(heard_s, name, px4_row):
+    measured_hz = rate_hz(heard_s[name])
+    px4_row("Rates", name, f"{RATES_HZ[name]:g} Hz", f"{measured_hz:.2f} Hz")
+    assert measured_hz == pytest.approx(RATES_HZ[name], rel=0.05)
+
+
+def test_no_stream_is_left_out(heard_s):
+    sensed_here_only = {"OPTICAL_FLOW_RAD"}  # PX4's own simulation has no such sensor
+    assert set(heard_s) == set(RATES_HZ) | sensed_here_only
 
 
 @pytest.mark.parametrize("name", RATES_HZ)
-@pytest.mark.parametrize("rate_hz", [2.0, 25.0])
-def test_each_stream_takes_the_rate_it_is_asked_for(make_module_flight, name, rate_hz):
+@pytest.mark.parametrize("asked_hz", [2.0, 25.0])
+def test_each_stream_takes_the_rate_it_is_asked_for(make_module_flight, name, asked_hz, px4_row):
     flight = make_module_flight()
     number = message_number(name)
     ask = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-    assert flight.acks(ask, number, 1e6 / rate_hz) == [Ack.ACCEPTED]
-    assert flight.interval_us(number) == pytest.approx(1e6 / rate_hz, abs=1)
+    assert flight.acks(ask, number, 1e6 / asked_hz) == [Ack.ACCEPTED]
+    assert flight.interval_us(number) == pytest.approx(1e6 / asked_hz, abs=1)
     times_s = [flight.world.time_s for message in flight.each(4.0) if message.get_type() == name]
-    measured_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0])
-    assert measured_hz == pytest.approx(rate_hz, rel=0.05)
+    measured_hz = rate_hz(times_s)
+    px4_row("Rates asked for", name, f"{asked_hz:g} Hz", f"{measured_hz:.2f} Hz")
+    assert measured_hz == pytest.approx(asked_hz, rel=0.05)
     assert flight.acks(ask, number, -1.0) == [Ack.ACCEPTED]
     assert flight.interval_us(number) == -1
     assert flight.acks(ask, number, 0.0) == [Ack.ACCEPTED]
@@ -157,25 +176,28 @@ IN_THE_AIR = [
 ]
 
 
-def is_answered_as_listed(flight, table):
-    for name, parameters, acks in table:
+def is_answered_as_listed(flight, table, px4_row, place):
+    for name, parameters, wanted in table:
         number = getattr(mavlink, f"MAV_CMD_{name}")
-        assert flight.acks(number, *parameters) == acks, (name, parameters)
+        acks = flight.acks(number, *parameters)
+        words = [f"{name} {' '.join(f'{p:g}' for p in parameters)}".strip(), place]
+        px4_row("Answers", *words, ", then ".join(ack.name for ack in acks))
+        assert acks == wanted, (name, parameters)
         flight.run(0.02)
 
 
-def test_every_command_on_the_ground_has_its_ack(fly_mavlink, camera_description):
+def test_every_command_on_the_ground_has_its_ack(fly_mavlink, camera_description, px4_row):
     flight = fly_mavlink(camera=camera_description)
     arm = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
     assert flight.acks(arm, 1.0) == NOT_NOW  # the estimator is not ready
     flight.run(3.0)
-    is_answered_as_listed(flight, ON_THE_GROUND)
+    is_answered_as_listed(flight, ON_THE_GROUND, px4_row, "on the ground")
 
 
-def test_every_command_in_the_air_has_its_ack(fly_mavlink):
+def test_every_command_in_the_air_has_its_ack(fly_mavlink, px4_row):
     flight = fly_mavlink()
     flight.take_off()
-    is_answered_as_listed(flight, IN_THE_AIR)
+    is_answered_as_listed(flight, IN_THE_AIR, px4_row, "in the air")
     assert not flight.autopilot.status.armed
 
 

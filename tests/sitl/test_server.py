@@ -15,11 +15,12 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.calibration import Intrinsics, StereoCalibration
-from companion.kernel.clock import WallClock, wall_s
+from companion.kernel.clock import wall_s
 from companion.kernel.errors import LinkError, PlanError, SimulatorError
 from companion.kernel.messages import SimulationRequest
 from sitl.cli import main
 from sitl.mavlink.links import UdpLink
+from sitl.pace import Pace
 from sitl.parent import Parent
 from sitl.process import launch, reserved_mavlink_port
 from sitl.server import CameraServer, RealTimeServer
@@ -48,6 +49,8 @@ class Ticking:
         while wall_s() < end_s:
             pass
 
+    works = True
+
     def expose(self):
         self.exposures += 1
 
@@ -64,6 +67,9 @@ class Mute:
     def update(self, time_s):
         pass
 
+    def beat(self):
+        pass
+
     def publish_truth(self, poses):
         pass
 
@@ -73,7 +79,7 @@ class Mute:
 
 def run_for(world, wall_duration_s, speed):
     mute, end_s = Mute(), wall_s() + wall_duration_s
-    server = RealTimeServer(world, world, mute, mute, 10.0, WallClock(speed))
+    server = RealTimeServer(world, world, mute, mute, 10.0, Pace(speed))
     server.run(lambda: wall_s() > end_s)
 
 
@@ -86,7 +92,7 @@ def test_the_world_follows_the_clock(speed):
 
 
 def test_a_world_that_is_too_slow_flies_slower_and_says_so_once(caplog, monkeypatch):
-    monkeypatch.setattr("sitl.server.CALM_AFTER_S", 0.1)
+    monkeypatch.setattr("sitl.pace.CALM_AFTER_S", 0.1)
     world = Ticking(cost_s=0.004)
     with caplog.at_level(logging.WARNING):
         run_for(world, 0.6, speed=10.0)

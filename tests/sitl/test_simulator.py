@@ -170,3 +170,27 @@ def test_advance_to_ends_on_the_step_nearest_to_the_time(flight):
     flight.world.advance_to(0.05)
     assert flight.world.time_s == pytest.approx(0.1)
     assert flight.status.mode is FlightMode.HOLD
+
+
+def test_an_injected_wind_outlives_a_change_of_parameters(airborne):
+    def tilt_rad():
+        airborne.run(6.0)
+        return sum(state.euler_rad[1] for state in airborne.states[-100:]) / 100
+
+    calm_rad = tilt_rad()
+    airborne.world.set_wind((3.0, 0.0, 0.0))
+    windy_rad = tilt_rad()
+    airborne.autopilot.set_parameter("MC_ROLLRATE_K", 1.1)
+    assert windy_rad > calm_rad + 0.05  # leans back against wind from behind
+    assert tilt_rad() == pytest.approx(windy_rad, abs=0.02)
+    airborne.autopilot.set_parameter("SIH_WIND_N", 3.0)  # comes from the north: both cancel
+    assert tilt_rad() == pytest.approx(calm_rad, abs=0.02)
+
+
+def test_parameters_of_the_plan_are_set_from_the_start_or_refused(make_flight):
+    flight = make_flight(settings=SitlSettings(parameters={"MIS_TAKEOFF_ALT": 1.25}))
+    assert flight.autopilot.parameters["MIS_TAKEOFF_ALT"] == 1.25
+    with pytest.raises(PlanError, match=r"sitl.parameters.MIS_TAKEOFF_ALTX: .* 'MIS_TAKEOFF_ALT'"):
+        make_flight(settings=SitlSettings(parameters={"MIS_TAKEOFF_ALTX": 1.0}))
+    with pytest.raises(PlanError, match=r"sitl.parameters.COM_OBL_RC_ACT: allowed: 0 to 7"):
+        make_flight(settings=SitlSettings(parameters={"COM_OBL_RC_ACT": 9.0}))

@@ -3,6 +3,7 @@
 import importlib
 
 import pytest
+from mcap.reader import make_reader
 
 READERS = ("risk", "table2", "heatmap", "roc", "flightpath", "textons", "picture")
 GATHERERS = ("risk", "table2", "heatmap", "roc")
@@ -45,9 +46,12 @@ def test_a_missing_log(tool, tmp_path, use):
 @pytest.mark.parametrize("tool", READERS)
 def test_a_log_with_a_damaged_middle(tool, tmp_path, use, invent, moment):
     path = invent([moment()] * 30_00)
+    with path.open("rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    chunk = chunks[len(chunks) // 2]
+    end = chunk.chunk_start_offset + chunk.chunk_length
     content = bytearray(path.read_bytes())
-    middle = len(content) // 2
-    content[middle : middle + 100] = bytes(100)
+    content[end - 100 : end] = bytes(100)
     path.write_bytes(content)
     code, error = use(tool, path)
     assert code == 1

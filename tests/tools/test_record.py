@@ -54,3 +54,23 @@ def test_mistakes_are_one_line(tmp_path, capsys, words, code, said):
     text = capsys.readouterr().err
     assert said in text
     assert text.count("\n") == 1
+
+
+def test_simulated_recordings_are_flown_where_they_are_missing(tmp_path, capsys):
+    for name in ("room2", "office", "corridor"):
+        (tmp_path / name).mkdir()
+    phases = [f"experiment.{phase}_s=2" for phase in ("initial", "learning", "test")]
+    assert record.main(["--all", str(tmp_path), "--every", "5", "--set", *phases]) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'room1'}: 12 pairs\n"
+    recording = open_recording(tmp_path / "room1")
+    assert len(recording) == 12
+    assert recording.calibration.baseline_m == 0.06
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "corridor", "office", "room1", "room2"
+    ]  # fmt: skip
+
+
+def test_a_flight_that_cannot_be_made_leaves_nothing(tmp_path, capsys):
+    assert record.main(["--all", str(tmp_path), "--set", "learner.k=0"]) == 2
+    assert "learner.k" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -1,5 +1,6 @@
 """Rows of figures, and races that make them."""
 
+import math
 import statistics
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -42,6 +43,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     ) -> Self:
         baseline_name, baseline_value = baseline
         less = better == "less"
+        gained, over = (baseline_value, value) if less else (value, baseline_value)
         met = None if goal is None else (value <= goal if less else value >= goal)
         return cls(
             name=name,
@@ -51,7 +53,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
             goal=goal,
             baseline=baseline_name,
             baseline_value=baseline_value,
-            ratio=baseline_value / value if less else value / baseline_value,
+            ratio=gained / over if over else math.inf,
             met=met,
         )
 

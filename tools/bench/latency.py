@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from companion.flightlog import FlightLog, Topic
 from companion.kernel.calibration import StereoCalibration
-from companion.kernel.clock import WallClock, wall_s
+from companion.kernel.clock import wall_s
 from companion.kernel.errors import CompanionError
 from companion.kernel.messages import Setpoint, StereoFrame
 from companion.plan import load_plan, room_path
@@ -25,6 +25,7 @@ from sitl.mavlink import framing
 from sitl.mavlink.links import UdpLink
 from sitl.mavlink.server import MavlinkServer
 from sitl.mavlink.tlog import TelemetryLog
+from sitl.pace import Pace
 from sitl.server import CameraServer, RealTimeServer
 from tools.bench.harness import PLAN, Row, race_s
 from tools.bench.perception import Parts
@@ -134,7 +135,7 @@ def fly(folder: Path) -> tuple[Exposures, Arrivals]:
         (folder / "errors.txt").open("wb") as errors,
     ):
         server = RealTimeServer(
-            simulation.world, camera, vehicle, frames, plan.camera.rate_hz, WallClock()
+            simulation.world, camera, vehicle, frames, plan.camera.rate_hz, Pace()
         )
         arguments = _arguments(link.url.replace("udpin", "udpout"), frames.url, folder)
         with subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=errors) as companion:

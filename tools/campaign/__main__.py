@@ -13,6 +13,7 @@ from pathlib import Path
 from rich.console import Console
 
 from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, CompanionError
+from tools.arguments import count
 from tools.campaign.plan import Campaign, load_campaign
 from tools.campaign.progress import CampaignProgress
 from tools.campaign.results import ResultsBook
@@ -73,11 +74,11 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("campaign", type=Path, help="campaign file (TOML)")
-    parser.add_argument("--runs", type=_count, help="flights of each kind, not the file's")
+    parser.add_argument("--runs", type=count, help="flights of each kind, not the file's")
     cluster = parser.add_mutually_exclusive_group()
     cluster.add_argument(
         "--workers",
-        type=_count,
+        type=count,
         default=len(os.sched_getaffinity(0)),
         help="processes on this machine; default: one per core",
     )
@@ -85,15 +86,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, help="default: logs/campaign-NAME")
     return parser
 
-
-def _count(text: str) -> int:
-    count = int(text)
-    if count < 1:
-        raise ValueError(text)
-    return count
-
-
-_count.__name__ = "count"  # argparse says "invalid count value"
 
 if __name__ == "__main__":
     sys.exit(main())

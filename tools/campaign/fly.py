@@ -9,8 +9,9 @@ import cv2
 from distributed import get_worker
 
 from companion import __version__
-from companion.flight import LOG_NAME, FlightOrder, fly_plan
+from companion.flight import FlightOrder, fly_plan
 from companion.kernel.errors import CompanionError
+from companion.logfolder import LOG_NAME
 from tools.campaign.plan import PlannedFlight, file_digest
 from tools.campaign.rows import Landed, failed_row, row_of
 

@@ -16,6 +16,7 @@ from companion.plan import Plan, load_plan, room_path
 from sitl.arena.room import Room, load_room, picture_names
 from sitl.settings import SitlSettings
 from tools.campaign.coverage import free_cells
+from tools.overrides import as_word, label_of, leaves
 
 DICTIONARY = "dictionary.npz"
 
@@ -90,7 +91,7 @@ def _groups(settings: CampaignSettings, path: Path) -> Iterator[tuple[str, list[
     """Name and ``KEY=VALUE`` words of each kind of flight."""
     common = _words(settings.set, f"{path}: set")
     axes = [
-        [(_label(key, value), _word(key, value, f"{path}: matrix")) for value in values]
+        [(label_of(key, value), _word(key, value, f"{path}: matrix")) for value in values]
         for key, values in _axes(settings.matrix, f"{path}: matrix")
     ]
     for flight in settings.flight or (FlightSettings(name=""),):
@@ -102,35 +103,20 @@ def _groups(settings: CampaignSettings, path: Path) -> Iterator[tuple[str, list[
 
 
 def _axes(table: dict[str, Any], where: str) -> Iterator[tuple[str, list[Any]]]:
-    for key, values in _leaves(table):
+    for key, values in leaves(table):
         if not isinstance(values, list) or not values:
             raise PlanError(f"{where}: {key}: must be a list of values, e.g. [1, 2]")
         yield key, values
 
 
 def _words(table: dict[str, Any], where: str) -> list[str]:
-    return [_word(key, value, where) for key, value in _leaves(table)]
-
-
-def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Values by dotted key; ``a.b = 1``, ``a = { b = 1 }`` and ``"a.b" = 1`` are the same."""
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _leaves(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
+    return [_word(key, value, where) for key, value in leaves(table)]
 
 
 def _word(key: str, value: object, where: str) -> str:
     if key == "seed":
         raise PlanError(f"{where}: seed: not here; first_seed and runs say which seeds are flown")
-    return f"{key}={msgspec.json.encode(value).decode()}"
-
-
-def _label(key: str, value: object) -> str:
-    if isinstance(value, str):
-        return value
-    return f"{key.rpartition('.')[2]}={msgspec.json.encode(value).decode()}"
+    return as_word(key, value)
 
 
 def _flights(

@@ -32,6 +32,7 @@ class ULogReader:
         self._series = {
             data.name + (f"[{data.multi_id}]" if data.multi_id else ""): data.data
             for data in self._ulog.data_list
+            if "timestamp" in data.data  # without one it is no series, and the file is damaged
         }
         if not self._series:
             raise RecordingError(f"{path}: holds no data")

@@ -8,8 +8,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from companion.flight import LOG_NAME
 from companion.kernel.errors import EXIT_FLOWN, CompanionError, RecordingError
+from companion.logfolder import LOG_NAME
 from tools.flown import find_flights
 from tools.report.campaign import campaign_page
 from tools.report.flight import ReportedFlight

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from companion.flight import LOG_NAME, SUMMARY_NAME
 from companion.flightlog import Topic
 from companion.flightlog.schema import nan_restorer
 from companion.kernel.errors import RecordingError
 from companion.kernel.messages import MocapPose, Phase
+from companion.logfolder import LOG_NAME, SUMMARY_NAME
 from companion.scorecard import Scorecard
 from companion.summary import FlightFacts, PhaseSummary, Summary, summarise
 from companion.switch import Thresholds

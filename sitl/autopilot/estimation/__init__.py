@@ -1,0 +1,1 @@
+"""What the autopilot believes: how sensors let it drift, and what external vision mends."""

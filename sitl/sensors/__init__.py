@@ -1,0 +1,1 @@
+"""What the vehicle's sensors read, made from the truth."""
