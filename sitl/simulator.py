@@ -13,7 +13,7 @@ from companion.kernel.messages import LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
 from sitl.camera_faults import CameraFaults
-from sitl.conditions import LinkConditions, link_rng
+from sitl.conditions import CLEAR, LinkConditions, link_rng
 from sitl.environment.surroundings import Surroundings
 from sitl.faults import check, check_parameters, inject
 from sitl.hull import (
@@ -95,7 +95,7 @@ class World:
             np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CAMERA_FAULTS_STREAM,)))
         )
         self._events = deque(sorted(settings.events, key=lambda event: event.at_s))
-        self.link = LinkConditions(settings.link, link_rng(seed))
+        self.link = LinkConditions(CLEAR, link_rng(seed))
         """Of the companion's link, whatever carries it."""
         self.mocap: deque[MocapPose] = deque(maxlen=_MOCAP_KEPT)
         self._walls, self._floor = ContactCounter(), ContactCounter()

@@ -26,16 +26,15 @@ from companion.kernel.messages import Event, FlightMode, Setpoint, Telemetry
 from companion.kernel.settings import Settings
 from companion.vehicle.deadman import Deadman, DeadmanSettings, Stage
 from companion.vehicle.slots import TelemetrySlots
-from companion.vehicle.states import hovers, is_disarmed
+from companion.vehicle.states import hovers, is_disarmed, left_the_ground
 
 logger = logging.getLogger(__name__)
 
 POLL_PERIOD_S = 0.05
 ARM_RETRY_PERIOD_S = 0.5
-ASKED_TIMES = 3
-"""By us; MAVSDK itself sends a command four times, half a second apart, before it gives up."""
-OFFBOARD_TRIES = 3
-"""On a bad link the command may overtake the first setpoint, and is refused then."""
+ASKED_TIMES = OFFBOARD_TRIES = 3
+"""On bad links answers get lost, though MAVSDK itself sends a command four times, and the command
+for offboard mode may overtake the first setpoint."""
 TEXT_LENGTH = 49
 """Characters that one STATUSTEXT holds; from 50 on MAVSDK sends a second one."""
 ARMED_LAG_S = 2.0
@@ -117,7 +116,12 @@ class MavsdkVehicle:
     async def take_off(self, height_m: float) -> None:
         await _ask("set the take-off height", self._action.set_takeoff_altitude, height_m)
         await self.arm()
-        await _ask("take off", self._action.takeoff)
+        before = self.telemetry()
+        try:
+            await _ask("take off", self._action.takeoff)
+        except VehicleError:
+            if not left_the_ground(before, self.telemetry()):
+                raise  # else only its answer got lost, and asking again was vain
         await self._confirm(
             f"hovering at {height_m:g} m",
             lambda now: hovers(now, height_m),
