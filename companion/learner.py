@@ -240,7 +240,7 @@ def _refuse_misfits(arrays: Arrays, like: Arrays) -> None:
     """
     for name, wanted in like.items():
         found = arrays[name]
-        rows_differ = wanted.shape[:1] == (1,) and found.shape[1:] == wanted.shape[1:]
+        rows_differ = wanted.shape[:1] in ((0,), (1,)) and found.shape[1:] == wanted.shape[1:]
         if found.dtype != wanted.dtype or not (rows_differ or found.shape == wanted.shape):
             raise ValueError(f"{name} of shape {found.shape} and type {found.dtype}")
         if found.dtype.kind == "f" and not np.isfinite(found).all():

@@ -26,15 +26,15 @@ from companion.kernel.messages import Event, FlightMode, Setpoint, Telemetry
 from companion.kernel.settings import Settings
 from companion.vehicle.deadman import Deadman, DeadmanSettings, Stage
 from companion.vehicle.slots import TelemetrySlots
-from companion.vehicle.states import has_left_ground, hovers, is_disarmed
+from companion.vehicle.states import hovers, is_disarmed, left_the_ground
 
 logger = logging.getLogger(__name__)
 
 POLL_PERIOD_S = 0.05
 ARM_RETRY_PERIOD_S = 0.5
 ASKED_TIMES = OFFBOARD_TRIES = 3
-"""On bad links answers get lost, though MAVSDK sends a command four times, and the command for
-offboard mode may overtake the first setpoint."""
+"""On bad links answers get lost, though MAVSDK itself sends a command four times, and the command
+for offboard mode may overtake the first setpoint."""
 TEXT_LENGTH = 49
 """Characters that one STATUSTEXT holds; from 50 on MAVSDK sends a second one."""
 ARMED_LAG_S = 2.0
@@ -120,10 +120,13 @@ class MavsdkVehicle:
         try:
             await _ask("take off", self._action.takeoff)
         except VehicleError:
-            if not has_left_ground(before, self.telemetry()):
-                raise  # else the answer got lost, and asking again was vain
-        what, limit_s = f"hovering at {height_m:g} m", self._settings.climb_limit_s
-        await self._confirm(what, lambda now: hovers(now, height_m), limit_s)
+            if not left_the_ground(before, self.telemetry()):
+                raise  # else only its answer got lost, and asking again was vain
+        await self._confirm(
+            f"hovering at {height_m:g} m",
+            lambda now: hovers(now, height_m),
+            self._settings.climb_limit_s,
+        )
 
     async def start_offboard(self, setpoint: Setpoint) -> None:
         await self.send(setpoint)

@@ -17,6 +17,6 @@ def is_disarmed(now: Telemetry) -> bool:
     return not now.armed
 
 
-def has_left_ground(before: Telemetry, now: Telemetry) -> bool:
+def left_the_ground(before: Telemetry, now: Telemetry) -> bool:
     on_ground = LandedState.ON_GROUND
     return before.landed_state is on_ground and now.landed_state is not on_ground
