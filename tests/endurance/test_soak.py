@@ -21,6 +21,7 @@ def test_hovering_for_long_drifts_and_grows_nowhere(make_airborne, codec, option
     heard, memory_mb, newest_ms = Counter(), [], 0
     for second in range(duration_s):
         flight.fly_until(began_s + second + 1.0)
+        flight.world.mocap.clear()  # as who publishes the truth does
         for message in received(client, codec):
             heard[message.get_type()] += 1
             newest_ms = max(newest_ms, getattr(message, "time_boot_ms", 0))
