@@ -4,8 +4,7 @@ Every pixel of the left image is matched, also those at its left border: the ima
 before matching, and a match counts where it lies inside the right image. Which pixels count
 therefore depends on the scene alone, not on how many disparities are searched.
 
-OpenCV's thread pool costs more than it brings at this image size: the app calls
-``cv2.setNumThreads(1)`` once.
+OpenCV's thread pool costs more than it brings at this image size: see companion/threads.py.
 """
 
 import math

@@ -46,8 +46,9 @@ class TrustSettings(Settings, frozen=True):
     """Mean square error over the variance of stereo's λ: at most."""
     auc: Share = 0.9
     """Area under the ROC curve: at least."""
-    collision_probability: Share = 0.05
-    """Of an approach, as companion/risk.py predicts it with 95 % confidence: at most."""
+    collision_probability: Share = 0.2
+    """Of an approach, as companion/risk.py predicts it with 95 % confidence: at most. While stereo
+    flies it turns at once, so that all that is seen is whether mono was silent until then."""
     slack: Annotated[float, Meta(ge=1)] = 2.0
     """Trust once given lasts until a limit is missed by this factor."""
     recent_s: Positive = 5.0

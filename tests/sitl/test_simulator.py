@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from companion.kernel.errors import PlanError
 from companion.kernel.messages import FlightMode
-from sitl.faults import Faults, inject
 from sitl.hull import HULL_RADIUS_M, push_ned_n
 from sitl.settings import SitlSettings
 from sitl.simulator import World
@@ -179,7 +178,7 @@ def test_an_injected_wind_outlives_a_change_of_parameters(airborne):
         return sum(state.euler_rad[1] for state in airborne.states[-100:]) / 100
 
     calm_rad = tilt_rad()
-    inject(airborne.world, Faults(wind_ned_m_s=(3.0, 0.0, 0.0)))
+    airborne.world.surroundings.wind_ned_m_s = (3.0, 0.0, 0.0)
     windy_rad = tilt_rad()
     airborne.autopilot.set_parameter("MC_ROLLRATE_K", 1.1)
     assert windy_rad > calm_rad + 0.05  # leans back against wind from behind
@@ -191,7 +190,7 @@ def test_an_injected_wind_outlives_a_change_of_parameters(airborne):
 def test_parameters_of_the_plan_are_set_from_the_start_or_refused(make_flight):
     flight = make_flight(settings=SitlSettings(parameters={"MIS_TAKEOFF_ALT": 1.25}))
     assert flight.autopilot.parameters["MIS_TAKEOFF_ALT"] == 1.25
-    with pytest.raises(PlanError, match=r"parameters.MIS_TAKEOFF_ALTX: .* 'MIS_TAKEOFF_ALT'"):
+    with pytest.raises(PlanError, match=r"sitl.parameters.MIS_TAKEOFF_ALTX: .* 'MIS_TAKEOFF_ALT'"):
         make_flight(settings=SitlSettings(parameters={"MIS_TAKEOFF_ALTX": 1.0}))
-    with pytest.raises(PlanError, match=r"parameters.COM_OBL_RC_ACT: 9: allowed: 0 to 7"):
+    with pytest.raises(PlanError, match=r"sitl.parameters.COM_OBL_RC_ACT: 9: allowed: 0 to 7"):
         make_flight(settings=SitlSettings(parameters={"COM_OBL_RC_ACT": 9.0}))
