@@ -14,7 +14,7 @@ import msgspec
 import typer
 
 from companion.kernel.clock import unix_s
-from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, CompanionError
+from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, CompanionError, PlanError
 from sitl.build import build, build_follower
 from sitl.conditions import CLEAR, LinkConditions, link_rng
 from sitl.console import VERBS, Console, ask, refused
@@ -122,6 +122,8 @@ def run(
     When ready, prints one line of JSON on stdout: {"ready": true, "mavlink": [URL, ...], "camera":
     URL, "control": URL}, with the ports that were really taken.
     """
+    if paused and control is None:
+        raise PlanError("--paused: nothing could make time go on; add --control URL")
     stop = _stopped_by_signals()
     with ExitStack() as open_things:
         keyring = Keyring(read_key(signing_key), unix_s) if signing_key else None
@@ -136,7 +138,7 @@ def run(
         frames = CameraServer(camera, calibration)
         open_things.callback(frames.close)
         vehicle = MavlinkServer(
-            simulation.world.autopilot,
+            world.autopilot,
             links,
             TelemetryLog(log_dir / "flight.tlog") if log_dir else None,
             camera=CameraDescription(calibration, camera_rate, frames.url),
@@ -146,21 +148,14 @@ def run(
         )
         open_things.callback(vehicle.close)
         pace = Pace(speed, paused=paused)
-        console = Console(control, simulation.world, pace) if control else None
+        console = Console(control, world, pace) if control else None
         if console is not None:
             open_things.callback(console.close)
         server = RealTimeServer(
-            simulation.world, simulation.camera, vehicle, frames, camera_rate, pace, console
+            world, simulation.camera, vehicle, frames, camera_rate, pace, console
         )
-        gc.collect()
-        gc.freeze()  # what lives until now lives to the end; looking through it costs milliseconds
-        ready = ReadyLine(
-            mavlink=[link.url for link in links],
-            camera=frames.url,
-            control=console.url if console is not None else msgspec.UNSET,
-        )
-        typer.echo(msgspec.json.encode(ready))
-        parent = Parent(simulation.world) if until_stdin_closes else None
+        _say_ready(links, frames, console)
+        parent = Parent(world) if until_stdin_closes else None
         server.run(lambda: stop.is_set() or (parent is not None and parent.has_gone()))
 
 
@@ -224,6 +219,17 @@ def control(
         typer.echo(answer)
         if refused(answer):
             raise typer.Exit(EXIT_FAILED)
+
+
+def _say_ready(links: Sequence[Link], frames: CameraServer, console: Console | None) -> None:
+    gc.collect()
+    gc.freeze()  # what lives until now lives to the end; looking through it costs milliseconds
+    ready = ReadyLine(
+        mavlink=[link.url for link in links],
+        camera=frames.url,
+        control=console.url if console is not None else msgspec.UNSET,
+    )
+    typer.echo(msgspec.json.encode(ready))
 
 
 def _stopped_by_signals() -> threading.Event:

@@ -37,6 +37,7 @@ def test_the_option_replaces_the_plan_s_place(tmp_path):
         (["--home", "91,0"], "sitl: home.latitude_deg: Expected `float` <= 85.0"),
         (["--home", "nan,0"], "sitl: home.latitude_deg"),
         (["--param", "X"], "--param X: not NAME=VALUE"),
+        (["--paused"], "--paused: nothing could make time go on; add --control URL"),
         (["--param", "MIS_TAKEOF_ALT=1"], "did you mean 'MIS_TAKEOFF_ALT'?"),
     ],
 )
