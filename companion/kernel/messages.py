@@ -110,7 +110,7 @@ class Percept(msgspec.Struct, frozen=True, kw_only=True):
     mono_px: float
     mono_std_px: float
     mono_novelty: float = NAN
-    """How unlike all that was learned from the frame is: below 1 for 99 % of the frames of the
+    """How unlike all that was learned from the frame is: below 1 for most frames of the
     place that was learned, well above 1 elsewhere, or where one eye is covered."""
 
 
