@@ -12,8 +12,14 @@ from msgspec import Meta
 from companion.kernel.frames import wrap_angle_rad
 from companion.kernel.messages import BehaviourState, Goal
 from companion.kernel.settings import Settings
+from companion.tether import ZoneSettings
 
 Positive = Annotated[float, Meta(gt=0)]
+
+ASTRAY_RAD = math.radians(20.0)
+"""Further than this off the way back into its zone it turns."""
+DETOUR_NS = 3_000_000_000
+"""It flies so long around what blocks the way back before it tries again."""
 
 
 class BehaviourSettings(Settings, frozen=True):
@@ -25,6 +31,10 @@ class BehaviourSettings(Settings, frozen=True):
     """Stereo takes the control from mono when its λ exceeds it."""
     forward_speed_m_s: Annotated[float, Meta(ge=0, le=3)] = 0.5
     """0 hovers where it took off."""
+    speed_by_certainty: bool = False
+    """On one eye it flies the slower the less certain it is that the way is clear."""
+    speed_floor_m_s: Annotated[float, Meta(ge=0, le=3)] = 0.15
+    """Its speed while it is not certain at all, and yet sees no obstacle."""
     yaw_rate_deg_s: Annotated[float, Meta(gt=0, le=180)] = 45.0
     heading_tolerance_deg: Annotated[float, Meta(gt=0, le=45)] = 5.0
     turn_to: Literal["random", "freer"] = "random"
@@ -32,10 +42,15 @@ class BehaviourSettings(Settings, frozen=True):
     unknown_limit_s: Positive = 1.0
     """λ unknown for longer while flying ahead counts as blocked: turn away."""
     height_m: Annotated[float, Meta(gt=0.2, le=10)] = 1.2
+    zone: tuple[ZoneSettings, ...] = ()
+    """Where to explore, and when; none leaves it to the walls."""
 
 
 class Behaviour:
-    """Straight; when blocked stop and turn to a random heading; search on if still blocked."""
+    """Straight; when blocked stop and turn to a random heading; search on if still blocked.
+
+    Out of its zone it turns towards the way back, and what blocks that is passed at random.
+    """
 
     def __init__(self, settings: BehaviourSettings, rng: np.random.Generator) -> None:
         self.settings = settings
@@ -44,6 +59,7 @@ class Behaviour:
         self._heading_rad = math.nan
         self._turn_sign = 0
         self._unknown_since_ns: int | None = None
+        self._turned_ns: int | None = None
 
     @property
     def looks_ahead(self) -> bool:
@@ -51,9 +67,14 @@ class Behaviour:
         return self.state is not BehaviourState.ROTATE
 
     def step(
-        self, stamp_ns: int, blocked: bool | None, yaw_rad: float, freer_sign: int = 0
+        self,
+        stamp_ns: int,
+        blocked: bool | None,
+        yaw_rad: float,
+        freer_sign: int = 0,
+        way_back_rad: float | None = None,
     ) -> Goal:
-        """One frame on. ``blocked`` is None while λ is unknown.
+        """One frame on. ``blocked`` is None while λ is unknown, ``way_back_rad`` in the zone.
 
         ``freer_sign``: +1 where the way is freer on the right, -1 on the left, 0 unknown.
         """
@@ -61,7 +82,10 @@ class Behaviour:
             self._heading_rad = yaw_rad
         if self.state is BehaviourState.STRAIGHT:
             if self._must_turn(stamp_ns, blocked):
-                self._begin_turn(yaw_rad, freer_sign)
+                turn_rad = self._random_turn_rad(yaw_rad, way_back_rad, freer_sign)
+                self._begin_turn(stamp_ns, yaw_rad, turn_rad)
+            elif way_back_rad is not None and self._strays(stamp_ns, way_back_rad):
+                self._begin_turn(stamp_ns, yaw_rad, wrap_angle_rad(way_back_rad - yaw_rad))
         elif self.state is BehaviourState.SEARCH or self._aligned(yaw_rad):
             self._go_on(blocked, yaw_rad)
         return self._goal(blocked)
@@ -78,12 +102,27 @@ class Behaviour:
         error_rad = wrap_angle_rad(self._heading_rad - yaw_rad)
         return abs(error_rad) <= math.radians(self.settings.heading_tolerance_deg)
 
-    def _begin_turn(self, yaw_rad: float, freer_sign: int) -> None:
+    def _strays(self, stamp_ns: int, way_back_rad: float) -> bool:
+        off_rad = abs(wrap_angle_rad(way_back_rad - self._heading_rad))
+        detour = self._turned_ns is not None and stamp_ns - self._turned_ns < DETOUR_NS
+        return off_rad > ASTRAY_RAD and not detour
+
+    def _random_turn_rad(
+        self, yaw_rad: float, way_back_rad: float | None, freer_sign: int
+    ) -> float:
+        """Anywhere; out of the zone anywhere that does not lead further away."""
+        if way_back_rad is not None:
+            heading_rad = way_back_rad + self._rng.uniform(-math.pi / 2, math.pi / 2)
+            return wrap_angle_rad(heading_rad - yaw_rad)
         turn_rad = self._rng.uniform(-math.pi, math.pi)
         if self.settings.turn_to == "freer" and freer_sign:
             turn_rad = math.copysign(turn_rad, freer_sign)
+        return turn_rad
+
+    def _begin_turn(self, stamp_ns: int, yaw_rad: float, turn_rad: float) -> None:
         self._heading_rad = wrap_angle_rad(yaw_rad + turn_rad)
         self._turn_sign = 1 if turn_rad >= 0 else -1
+        self._turned_ns = stamp_ns
         self._unknown_since_ns = None
         self.state = BehaviourState.ROTATE
 

@@ -77,16 +77,11 @@ class StderrHandler(logging.Handler):
 def _setup(
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log more to stderr.")] = False,
 ) -> None:
-    import cv2
-
     faulthandler.enable(STDERR)  # a watchdog's SIGABRT shows where it hung
     level = logging.DEBUG if verbose else logging.WARNING
     logging.basicConfig(
         level=level, format="%(levelname)s %(name)s: %(message)s", handlers=[StderrHandler()]
     )
-    # Frames are small: OpenCV's threads cost more in hand-over than they save, and results
-    # must not depend on the machine.
-    cv2.setNumThreads(1)
 
 
 @app.command()

@@ -17,6 +17,12 @@ from companion.summary import Summary, format_figure, table_rows
 
 REDRAW_PERIOD_S = 0.25
 PLAIN_PERIOD_SIM_S = 30.0
+CUE_STYLE = {
+    Cue.STEREO: "bold cyan",
+    Cue.MONO: "bold green",
+    Cue.FUSED: "bold blue",
+    Cue.NONE: "bold red",
+}
 
 
 class Progress:
@@ -128,20 +134,23 @@ def _status_table(step: Step, pipeline: Pipeline, sim_s: float, factor: float) -
     table.add_row("phase", decision.phase.value, "λ stereo", _px(percept.stereo_px), "state", state)
     table.add_row("flight", flight, "λ mono", _px(percept.mono_px), "turns", turns)
     table.add_row("speed", _factor(factor), "flies on", _cue(decision), "overrides", overrides)
+    certainty = f"{decision.certainty_norm:.0%}"
+    table.add_row("", "", "mono is", decision.trust.value, "certainty", certainty)
     return table
 
 
 def _cue(decision: Decision) -> Text:
     if decision.override:
         return Text("stereo (override)", style="bold red")
-    return Text(decision.cue.value, "bold green" if decision.cue is Cue.MONO else "bold cyan")
+    return Text(decision.cue.value, CUE_STYLE[decision.cue])
 
 
 def _status_line(step: Step, sim_s: float, factor: float) -> str:
     decision, percept = step.decision, step.percept
     return (
         f"{sim_s:5.0f} s  {decision.phase.value:<8}  λ stereo {_px(percept.stereo_px)}  "
-        f"mono {_px(percept.mono_px)}  {decision.cue.value:<6}  {decision.state.value:<8}  "
+        f"mono {_px(percept.mono_px)} {decision.trust.value:<9}  {decision.cue.value:<6}  "
+        f"{decision.state.value:<8}  "
         f"turns {decision.turns:2d}  overrides {decision.overrides:2d}  {_factor(factor)}"
     )
 

@@ -114,7 +114,10 @@ class ScalarEstimator:
         self._n_views = settings.design.views
         self._rng = rng
         parameters = regressors.RegressorSettings(
-            k=settings.k, capacity=settings.capacity, seed=int(rng.integers(2**31))
+            k=settings.k,
+            capacity=settings.capacity,
+            keep=settings.keep,
+            seed=int(rng.integers(2**31)),
         )
         self._regressor = regressors.make(settings.design.regressor, parameters)
         self._scale = Scale(settings.design.target)

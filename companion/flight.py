@@ -33,6 +33,7 @@ from companion.rigs import needs_room, open_rig
 from companion.summary import FlightFacts, Summary, summarise
 from companion.supervisor import Supervisor
 from companion.textons import TextonDictionary
+from companion.threads import use_one_thread
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -149,6 +150,7 @@ async def _open_and_fly(order: FlightOrder, observer: Observer, record: _Record)
 
 
 async def _log_and_fly(order: FlightOrder, rig: Rig, observer: Observer, record: _Record) -> None:
+    use_one_thread()
     pipeline = Pipeline(order.plan, rig.camera.calibration, _dictionary(order))
     start = _recall_all(order, rig, pipeline)
     keeper = ModelKeeper(
@@ -196,6 +198,7 @@ async def _fly(flight: Flight, record: _Record) -> None:
         facts.wall_s = wall_s() - began_wall_s
         facts.sim_s = flight.flown_s
         facts.frames_dropped = flight.rig.camera.frames_dropped
+        facts.camera_faults = flight.pipeline.health.n_named
         facts.collisions = flight.truth.collisions
         facts.minimum_clearance_m = flight.truth.minimum_clearance_m
         facts.distance_flown_m = flight.truth.distance_flown_m

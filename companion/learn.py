@@ -16,6 +16,7 @@ from companion.learning_report import LearningReport, Scores
 from companion.modelfile import load_dictionary
 from companion.performance import threshold_for_tpr_px
 from companion.stereo import StereoMatcher, StereoSettings
+from companion.threads import use_one_thread
 
 
 class LearningPlan(Protocol):
@@ -36,6 +37,7 @@ class Session:
         self._plan = plan
         path = plan.learner.dictionary
         dictionary = load_dictionary(folder / path) if path else None
+        use_one_thread()
         self.learner = Learner(plan.learner, np.random.default_rng(plan.seed), dictionary)
         self.n_frames = 0
         self.n_train = 0

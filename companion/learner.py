@@ -9,6 +9,7 @@ import math
 from collections import deque
 from typing import NamedTuple, Self
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,6 +53,22 @@ class MonoEstimate(NamedTuple):
     """λ of each cell (companion.cells) of the newest frame, where ``learner.output`` is "map"."""
 
 
+class _Lesson(NamedTuple):
+    """What a frame teaches once it has waited."""
+
+    seen: Seen
+    disparity_px: float
+    map_of: MapOf | None
+
+    @classmethod
+    def of(cls, seen: Seen, disparity_px: float, map_of: MapOf | None) -> Self:
+        """With a map made now, from the pair just matched."""
+        if map_of is None:
+            return cls(seen, disparity_px, None)
+        map_px = map_of()
+        return cls(seen, disparity_px, lambda: map_px)
+
+
 class LearnerState(NamedTuple):
     """All that a learner learned, as plain data."""
 
@@ -82,6 +99,7 @@ class Learner:
         self._estimator = _estimator(settings, self._extractor, rng.spawn(1)[0])
         self._novelty = Novelty()
         self._observed: Seen | None = None
+        self._waiting: deque[_Lesson] = deque()
         self._recent: deque[Estimate] = deque(maxlen=settings.smooth_frames)
 
     @property
@@ -122,14 +140,28 @@ class Learner:
     ) -> bool:
         """Takes stereo's λ as the target for ``features``; True if it was a usable sample.
 
-        With ``map_of``, further views of the image just observed are learned from too.
+        With ``map_of``, further views of the image just observed are learned from too. All wait
+        for as many frames as the settings say; what is learned now is then an older frame.
         """
         if self.frozen or features is None or math.isnan(disparity_px):
             return False
-        if not self._estimator.learn(self._seen(features), disparity_px, map_of):
+        seen = self._seen(features)
+        if not self.settings.delay_frames:
+            return self._teach(seen, disparity_px, map_of)
+        self._waiting.append(_Lesson.of(seen, disparity_px, map_of if self._uses_maps else None))
+        if len(self._waiting) <= self.settings.delay_frames:
             return False
-        self._novelty.learn(features)
+        return self._teach(*self._waiting.popleft())
+
+    def _teach(self, seen: Seen, disparity_px: float, map_of: MapOf | None) -> bool:
+        if not self._estimator.learn(seen, disparity_px, map_of):
+            return False
+        self._novelty.learn(seen.features)
         return True
+
+    @property
+    def _uses_maps(self) -> bool:
+        return bool(self.settings.design.views) or self.settings.output == "map"
 
     def _seen(self, features: Features) -> Seen:
         """With the image, if it is the one just observed."""
@@ -138,7 +170,7 @@ class Learner:
         return Seen(features, None)
 
     def freeze(self) -> None:
-        """Nothing is learned from here on."""
+        """Nothing is learned from here on, not even what still waits."""
         self.frozen = True
 
     def break_sequence(self) -> None:
@@ -164,12 +196,12 @@ class Learner:
                 )
         dictionary = dictionary_of(state)
         try:
-            self._take(state, dictionary)
+            self._adopt(state, dictionary)
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             raise PlanError(f"saved model does not fit together: {error}") from error
         return self
 
-    def _take(self, state: LearnerState, dictionary: TextonDictionary | None) -> None:
+    def _adopt(self, state: LearnerState, dictionary: TextonDictionary | None) -> None:
         """Raises whatever the arrays' misfit leads to, now rather than at the first image."""
         if dictionary is not None:
             self._extractor.adopt(dictionary)
@@ -190,6 +222,7 @@ def _one_lesson(
     settings: LearnerSettings, dictionary: TextonDictionary | None
 ) -> tuple[Arrays, Seen]:
     """What a learner holds after one empty image, and what it saw."""
+    settings = msgspec.structs.replace(settings, delay_frames=0)
     learner = Learner(settings, np.random.default_rng(0), dictionary)
     image = np.zeros((96, 128), dtype=np.uint8)
     features = learner.observe(image)

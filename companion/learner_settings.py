@@ -6,6 +6,7 @@ from msgspec import Meta, field
 
 from companion.features import OF_VIEWS, Kind
 from companion.kernel.settings import Settings
+from companion.regressors.slots import Keep
 from companion.stereo import Label
 from companion.textons import TextonSettings
 
@@ -67,6 +68,10 @@ class LearnerSettings(Settings, frozen=True):
     """The fixed threshold; none means ``threshold_ratio`` times stereo's."""
     threshold_ratio: Annotated[float, Meta(gt=0.0)] = 1.0
     """Below 1, one eye turns earlier than two (section III-E), and so learns what is near."""
+    caution_std: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    """Standard deviations of the estimate added to it: the less certain, the earlier it turns."""
+    novelty_limit: Annotated[float, Meta(gt=0.0)] | None = None
+    """A frame more novel than this counts as blocked; none lets all pass."""
     wanted_tpr: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.96
     wanted_collision_probability: Annotated[float, Meta(gt=0.0, lt=1.0)] = 1e-3
     """Of one approach to an obstacle."""
@@ -79,7 +84,13 @@ class LearnerSettings(Settings, frozen=True):
     """Weight of the entropy against the histogram's bins. Plain bits (1) would outweigh them all;
     0.1 brings both to the same range. On recorded flights neither generalises better."""
     capacity: Annotated[int, Meta(ge=1, le=10_000_000)] = 100_000
-    """Samples kept; beyond it the oldest is replaced."""
+    """Samples kept."""
+    keep: Keep = "newest"
+    """Beyond the capacity: the newest; or "mixed", half of those and an even sample of all others.
+    """
+    delay_frames: Annotated[int, Meta(ge=0, le=1000)] = 0
+    """Frames that a sample waits before it is learned. Without it, the frame before is the nearest
+    neighbour of each, and errors before learning tell little of a wall not just seen."""
     dictionary: str | None = None
     """File with a saved model whose textons are used; none learns them in flight."""
     textons: TextonSettings = field(default_factory=TextonSettings)

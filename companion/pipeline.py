@@ -7,29 +7,37 @@ import numpy as np
 
 from companion.behaviour import Behaviour
 from companion.cells import CellMap, freer_side
+from companion.certainty import certainty_norm, with_speed_for
+from companion.health import CameraHealth
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.messages import (
+    Availability,
     Cue,
     Decision,
+    Event,
     Goal,
+    Health,
     MonoMap,
     Percept,
     Phase,
     StereoFrame,
     Telemetry,
+    TrustFigures,
+    TrustStatus,
 )
 from companion.learner import Learner
-from companion.performance import threshold_for_tpr_px
+from companion.perception import Perception
 from companion.pilot import fly_to
 from companion.plan import Plan
-from companion.risk import Approach, Wishes, choose_threshold_px
-from companion.safety import Verdict, check
+from companion.risk import Approach
+from companion.safety import Verdict, check, react_to_age
 from companion.scorecard import Account, Scorecard
 from companion.stereo import StereoMatcher
 from companion.switch import Choice, Switch, Thresholds
+from companion.tether import way_back_rad
 from companion.textons import TextonDictionary
-
-PHASES_OF_LEARNING = (Phase.INITIAL, Phase.LEARNING)
+from companion.thresholds import choose_thresholds
+from companion.trust import TrustHistory, TrustMonitor, event_of
 
 
 class Step(NamedTuple):
@@ -40,6 +48,12 @@ class Step(NamedTuple):
     verdict: Verdict
     mono_map: MonoMap | None = None
     """Where the learner makes maps, and has learned to."""
+    trust: TrustFigures | None = None
+    """Where it was time to judge."""
+    health: Health | None = None
+    """Where it has changed."""
+    events: tuple[Event, ...] = ()
+    """What a person should hear of."""
 
 
 class Pipeline:
@@ -51,74 +65,128 @@ class Pipeline:
         calibration: StereoCalibration,
         dictionary: TextonDictionary | None = None,
     ) -> None:
-        rngs = np.random.default_rng(plan.seed).spawn(4)
-        switch_rng, behaviour_rng, learner_rng, self._risk_rng = rngs
+        rngs = np.random.default_rng(plan.seed).spawn(5)
+        switch_rng, behaviour_rng, learner_rng, self._risk_rng, trust_rng = rngs
         self.plan = plan
         self.matcher = StereoMatcher(plan.stereo, calibration, label=plan.learner.label)
         self.learner = Learner(plan.learner, learner_rng, dictionary)
         self.switch = Switch(plan.experiment, switch_rng)
         self.behaviour = Behaviour(plan.behaviour, behaviour_rng)
         self.scorecard = Scorecard(plan.behaviour.turn_threshold_px)
+        self.trust = TrustMonitor(
+            plan.trust,
+            approach_of(plan, calibration),
+            plan.learner.detection_distance_m,
+            trust_rng,
+        )
+        self.health = CameraHealth(plan.health, plan.safety.stop_after_s)
+        self.perception = Perception(self.matcher, self.learner, self.health)
+        self.trust_history = TrustHistory()
         self.phase = Phase.INITIAL
-        self.samples_learned = 0
         self.flown_s = 0.0
         """Of the plan, at the newest frame; what a resumed flight begins with may be set here."""
         self.thresholds = self._choose_thresholds()
         self._began_ns: int | None = None
+        self._sighted_ns = 0
+        """The newest frame that some cue could fly on."""
 
-    def step(self, frame: StereoFrame, telemetry: Telemetry) -> Step:
-        """One frame on. Raises CameraError for a frame of the wrong size."""
-        self._enter_phase_at(frame.stamp_ns)
-        percept, mono_map_px = self._perceive_and_learn(frame)
+    def step(self, frame: StereoFrame, telemetry: Telemetry, arrived_s: float = math.nan) -> Step:
+        """One frame on. Raises CameraError for a frame of the wrong size.
+
+        ``arrived_s``: when the frame came, on any clock; NaN where nobody knows.
+        """
+        elapsed_s = self._elapsed_s(frame.stamp_ns)
+        self._enter_phase_at(elapsed_s)
+        seen = self.perception.see(frame, arrived_s)
+        outlook = self.health.conclude(seen.percept, self.trust.status is TrustStatus.TRUSTED)
+        available = outlook.available
+        if self.plan.experiment.stereo_is_over(elapsed_s):
+            available = available._replace(stereo=False)
+        percept, mono_map_px = self.perception.settle(seen, available.stereo), seen.map_px
         choice = self.switch.choose(
-            percept, self.phase, self.thresholds, self.behaviour.looks_ahead
+            percept,
+            self.phase,
+            self.thresholds,
+            self.behaviour.looks_ahead,
+            available,
+            self.trust.status,
         )
-        freer_sign = self._freer_sign(choice.cue, mono_map_px)
-        goal = self.behaviour.step(frame.stamp_ns, choice.blocked, telemetry.yaw_rad, freer_sign)
+        certainty = certainty_norm(choice, percept)
+        freer_sign = self._freer_sign(choice, mono_map_px)
+        goal = self._goal(frame.stamp_ns, choice, certainty, freer_sign, telemetry)
         account = self.scorecard.record(
             percept, self.phase, choice, self.behaviour.state, self.thresholds.mono_px
         )
-        decision = self._decision(frame.stamp_ns, choice, account)
-        verdict = self._command(frame.stamp_ns, goal, telemetry)
-        return Step(percept, decision, verdict, _map_message(frame.stamp_ns, mono_map_px))
+        decision = self._decision(frame.stamp_ns, choice, certainty, account)
+        verdict = self._command(frame.stamp_ns, choice, goal, telemetry)
+        mono_map = _map_message(frame.stamp_ns, mono_map_px)
+        judged, events = self._judge(percept, available)
+        events = outlook.events + events
+        return Step(percept, decision, verdict, mono_map, judged, outlook.record, events)
 
-    def _enter_phase_at(self, stamp_ns: int) -> None:
+    @property
+    def samples_learned(self) -> int:
+        return self.perception.samples_learned
+
+    def _judge(
+        self, percept: Percept, available: Availability
+    ) -> tuple[TrustFigures | None, tuple[Event, ...]]:
+        """Whether mono may be trusted from the next frame on; a change is an event."""
+        before = self.trust.status
+        self.trust_history.note(percept.stamp_ns, before)
+        judged = self.trust.update(
+            percept, self.behaviour.state, self.thresholds.mono_px, available.stereo
+        )
+        figures = self.trust.figures
+        changed = figures.status is not before
+        return figures if judged else None, (event_of(figures),) if changed else ()
+
+    def _elapsed_s(self, stamp_ns: int) -> float:
+        """Since the first frame."""
         if self._began_ns is None:
             self._began_ns = stamp_ns - round(self.flown_s * 1e9)
+            self._sighted_ns = stamp_ns
         self.flown_s = (stamp_ns - self._began_ns) * 1e-9
-        phase = self.plan.experiment.phase_at(self.flown_s)
+        return self.flown_s
+
+    def _enter_phase_at(self, elapsed_s: float) -> None:
+        experiment = self.plan.experiment
+        phase = experiment.phase_at(elapsed_s, self.trust.status)
         if phase is not self.phase:
             self.thresholds = self._choose_thresholds()
-            if phase in (Phase.TEST, Phase.DONE):
+            if phase in (Phase.TEST, Phase.DONE) and experiment.scheme != "auto":
                 self.learner.freeze()
             self.phase = phase
 
-    def _perceive_and_learn(self, frame: StereoFrame) -> tuple[Percept, CellMap | None]:
-        """Predicts first, then learns from the frame: estimates stay prequential."""
-        stereo = self.matcher.match(frame.left, frame.right)
-        features = self.learner.observe(self.learner.image_of(frame))
-        mono = self.learner.predict(features)
-        self.samples_learned += self.learner.learn(
-            features, stereo.disparity_px, self.matcher.last_map
-        )
-        percept = Percept(
-            stamp_ns=frame.stamp_ns,
-            stereo_px=stereo.disparity_px,
-            stereo_valid_norm=stereo.valid_norm,
-            mono_px=mono.mono_px,
-            mono_std_px=mono.std_px,
-            mono_novelty=mono.novelty,
-        )
-        return percept, mono.map_px
-
-    def _freer_sign(self, cue: Cue, mono_map_px: CellMap | None) -> int:
+    def _freer_sign(self, choice: Choice, mono_map_px: CellMap | None) -> int:
         """The side that is freer in the eyes of the cue that flies; 0 where nobody asks."""
-        if self.plan.behaviour.turn_to == "random":
+        if self.plan.behaviour.turn_to == "random" or choice.blocked is None:
             return 0
-        map_px = self.matcher.last_map() if cue is Cue.STEREO else mono_map_px
+        map_px = self.matcher.last_map() if choice.cue is Cue.STEREO else mono_map_px
         return 0 if map_px is None else freer_side(map_px)
 
-    def _command(self, stamp_ns: int, goal: Goal, telemetry: Telemetry) -> Verdict:
+    def _goal(
+        self,
+        stamp_ns: int,
+        choice: Choice,
+        certainty: float,
+        freer_sign: int,
+        telemetry: Telemetry,
+    ) -> Goal:
+        """The behaviour's, no faster than certainty allows; without a cue it stands still."""
+        settings = self.plan.behaviour
+        if choice.cue is Cue.NONE:
+            return Goal(forward_speed_m_s=0.0, heading_rad=telemetry.yaw_rad, turn_sign=0)
+        north_m, east_m, _ = telemetry.position_ned_m
+        back_rad = way_back_rad(settings.zone, self._elapsed_s(stamp_ns), north_m, east_m)
+        goal = self.behaviour.step(
+            stamp_ns, choice.blocked, telemetry.yaw_rad, freer_sign, back_rad
+        )
+        careful = settings.speed_by_certainty or not self.health.available.stereo
+        return with_speed_for(goal, certainty, settings) if careful else goal
+
+    def _command(self, stamp_ns: int, choice: Choice, goal: Goal, telemetry: Telemetry) -> Verdict:
+        """The safe setpoint; holds and lands where no cue could be relied on for too long."""
         behaviour = self.plan.behaviour
         setpoint = fly_to(
             goal,
@@ -128,9 +196,21 @@ class Pipeline:
             yaw_rate_limit_rad_s=math.radians(behaviour.yaw_rate_deg_s),
             settings=self.plan.pilot,
         )
-        return check(setpoint, telemetry, self.plan.safety)
+        verdict = check(setpoint, telemetry, self.plan.safety)
+        if choice.cue is not Cue.NONE:
+            self._sighted_ns = stamp_ns
+        reaction = react_to_age((stamp_ns - self._sighted_ns) * 1e-9, self.plan.safety)
+        if reaction > verdict.reaction:
+            return verdict._replace(reaction=reaction, reason=self._why_blind())
+        return verdict
 
-    def _decision(self, stamp_ns: int, choice: Choice, account: Account) -> Decision:
+    def _why_blind(self) -> str:
+        faults = f" ({self.health.faults})" if self.health.faults else ""
+        return f"stereo is gone{faults}, and the estimate of one eye is {self.trust.status.value}"
+
+    def _decision(
+        self, stamp_ns: int, choice: Choice, certainty: float, account: Account
+    ) -> Decision:
         return Decision(
             stamp_ns=stamp_ns,
             phase=self.phase,
@@ -142,40 +222,13 @@ class Pipeline:
             overrides=account.overrides,
             turns=account.turns,
             approaches=account.approaches,
+            trust=self.trust.status,
+            certainty_norm=certainty,
         )
 
     def _choose_thresholds(self) -> Thresholds:
-        """Mono's comes from the samples of all learning so far, where the plan says so.
-
-        While those hold no positive it is the fixed one.
-        """
-        behaviour, learner = self.plan.behaviour, self.plan.learner
-        stereo_px = behaviour.turn_threshold_px
-        chosen_px = math.nan
-        if learner.threshold == "roc":
-            chosen_px = self._threshold_from_roc_px(stereo_px, learner.wanted_tpr)
-        elif learner.threshold == "risk":
-            chosen_px = self._threshold_from_risk_px(stereo_px)
-        mono_px = learner.fixed_threshold_px(stereo_px) if math.isnan(chosen_px) else chosen_px
-        return Thresholds(stereo_px, mono_px, behaviour.override_threshold_px)
-
-    def _threshold_from_roc_px(self, positive_px: float, wanted_tpr: float) -> float:
-        """NaN while no positive was seen."""
-        seen = [self.scorecard.accounts[phase].estimates() for phase in PHASES_OF_LEARNING]
-        stereo_px, mono_px = (np.concatenate(values) for values in zip(*seen, strict=True))
-        return threshold_for_tpr_px(mono_px, stereo_px, positive_px, wanted_tpr)
-
-    def _threshold_from_risk_px(self, positive_px: float) -> float:
-        """NaN while no positive was seen."""
-        learner = self.plan.learner
-        wishes = Wishes(
-            learner.wanted_collision_probability,
-            learner.wanted_spurious_turns_per_m,
-            learner.detection_distance_m,
-        )
         approach = approach_of(self.plan, self.matcher.calibration)
-        samples = self.scorecard.approach_samples(PHASES_OF_LEARNING)
-        return choose_threshold_px(samples, approach, wishes, self._risk_rng)
+        return choose_thresholds(self.plan, approach, self.scorecard, self._risk_rng)
 
 
 def _map_message(stamp_ns: int, map_px: CellMap | None) -> MonoMap | None:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field
 
 from companion.behaviour import BehaviourSettings
+from companion.health import HealthSettings
 from companion.kernel.errors import PlanError
 from companion.kernel.settings import Settings, convert_settings, read_toml
 from companion.learner_settings import LearnerSettings
@@ -16,6 +17,7 @@ from companion.pilot import PilotSettings
 from companion.safety import SafetySettings
 from companion.stereo import StereoSettings
 from companion.switch import ExperimentSettings
+from companion.trust import TrustSettings
 
 
 class CameraSettings(Settings, frozen=True):
@@ -44,8 +46,10 @@ class Plan(Settings, frozen=True):
     behaviour: BehaviourSettings = BehaviourSettings()
     stereo: StereoSettings = StereoSettings()
     learner: LearnerSettings = LearnerSettings()
+    trust: TrustSettings = TrustSettings()
     pilot: PilotSettings = PilotSettings()
     safety: SafetySettings = SafetySettings()
+    health: HealthSettings = HealthSettings()
     log: LogSettings = LogSettings()
     sitl: dict[str, Any] = field(default_factory=dict)
     """Handed to the simulator, which checks it (see flightplans/README.md)."""
@@ -105,6 +109,11 @@ def _check_together(plan: Plan, source: str) -> None:
         raise PlanError(
             f"{source}: behaviour.override_threshold_px: {behaviour.override_threshold_px} is "
             f"below turn_threshold_px {behaviour.turn_threshold_px}; must not be"
+        )
+    if behaviour.speed_by_certainty and behaviour.speed_floor_m_s > behaviour.forward_speed_m_s:
+        raise PlanError(
+            f"{source}: behaviour.speed_floor_m_s: {behaviour.speed_floor_m_s} exceeds "
+            f"forward_speed_m_s {behaviour.forward_speed_m_s}"
         )
     if behaviour.forward_speed_m_s > plan.safety.max_speed_m_s:
         raise PlanError(

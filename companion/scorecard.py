@@ -15,6 +15,8 @@ from companion.performance import OnlinePerformance, roc_curve
 from companion.risk import Samples
 from companion.switch import Choice
 
+STEREO_CUES = (Cue.STEREO, Cue.FUSED)
+"""Cues that stop with stereo."""
 NO_APPROACH = 0
 """Number of the approach of a frame that belongs to none: the vehicle was turning."""
 
@@ -48,15 +50,15 @@ class Account:
         return self.stereo_approaches + self.mono_approaches
 
     def add_flight(self, cue: Cue, duration_s: float) -> None:
-        if cue is Cue.STEREO:
+        if cue in STEREO_CUES:
             self.stereo_flight_s += duration_s
-        else:
+        elif cue is Cue.MONO:
             self.mono_flight_s += duration_s
 
     def add_approach(self, cue: Cue) -> None:
-        if cue is Cue.STEREO:
+        if cue in STEREO_CUES:
             self.stereo_approaches += 1
-        else:
+        elif cue is Cue.MONO:
             self.mono_approaches += 1
 
     def add_estimate(self, percept: Percept, mono_threshold_px: float, in_approach: bool) -> None:

@@ -4,8 +4,7 @@ Every pixel of the left image is matched, also those at its left border: the ima
 before matching, and a match counts where it lies inside the right image. Which pixels count
 therefore depends on the scene alone, not on how many disparities are searched.
 
-OpenCV's thread pool costs more than it brings at this image size: the app calls
-``cv2.setNumThreads(1)`` once.
+OpenCV's thread pool costs more than it brings at this image size: see companion/threads.py.
 """
 
 import math
@@ -70,6 +69,20 @@ class StereoResult(NamedTuple):
     quantile_px: float
 
 
+class Matches(NamedTuple):
+    """What was compared and found.
+
+    left, right: rectified; sixteenths: (height, width) int16, disparity of the left eye's pixels
+    with infinity's in it, below ``least_px`` where unmatched.
+    """
+
+    left: Grey
+    right: Grey
+    sixteenths: NDArray[np.int16]
+    least_px: int
+    infinity_px: float
+
+
 class StereoMatcher:
     """Block matching for one calibrated camera; ``label`` chooses what λ is."""
 
@@ -88,7 +101,7 @@ class StereoMatcher:
         self._pad_left_px = max(most_px, 0) + half_block_px
         self._pad_right_px = max(-self._least_px, 0) + half_block_px
         self._matcher = self._make_matcher()
-        self._raw: NDArray[np.int16] | None = None
+        self._matches: Matches | None = None
 
     @property
     def disparity_metre_px(self) -> float:
@@ -97,7 +110,8 @@ class StereoMatcher:
 
     def match(self, left: Grey, right: Grey) -> StereoResult:
         """λ of a raw pair, both (height, width)."""
-        self._raw = raw = self._match_raw(left, right)
+        self._matches = self._match_raw(left, right)
+        raw = self._matches.sixteenths
         exceeding_norm = self.settings.quantile_norm
         n_valid, mean, quantile = _summarise(raw, self._least_px, exceeding_norm)
         valid_norm = n_valid / raw.size
@@ -110,14 +124,18 @@ class StereoMatcher:
 
     def disparity_map(self, left: Grey, right: Grey) -> NDArray[np.float32]:
         """disparity_px: (height, width) of the rectified left image, NaN where unmatched."""
-        self._raw = self._match_raw(left, right)
+        self._matches = self._match_raw(left, right)
         return self.last_map()
+
+    def last_matches(self) -> Matches:
+        """Those of the pair matched last."""
+        if self._matches is None:
+            raise RuntimeError("this needs a pair that was matched")
+        return self._matches
 
     def last_map(self) -> NDArray[np.float32]:
         """The map of the pair matched last, as ``disparity_map``; it costs no second match."""
-        if self._raw is None:
-            raise RuntimeError("a map needs a pair that was matched")
-        raw = self._raw
+        raw = self.last_matches().sixteenths
         column = np.arange(raw.shape[1]) * SUBPIXELS
         least = np.maximum(self._least_px * SUBPIXELS, column - column[-1])
         valid = (raw >= least) & (raw <= column)
@@ -125,12 +143,12 @@ class StereoMatcher:
         disparity_px[~valid] = np.nan
         return disparity_px
 
-    def _match_raw(self, left: Grey, right: Grey) -> NDArray[np.int16]:
-        """Disparity in sixteenths, infinity not yet subtracted; (height, width)."""
+    def _match_raw(self, left: Grey, right: Grey) -> Matches:
         self._check_geometry(left, right)
         left, right = self._rectify(left, right)
         matched = self._matcher.compute(self._pad(left), self._pad(right))
-        return cast(NDArray[np.int16], matched[:, self._pad_left_px : -self._pad_right_px])
+        sixteenths = cast(NDArray[np.int16], matched[:, self._pad_left_px : -self._pad_right_px])
+        return Matches(left, right, sixteenths, self._least_px, self._infinity_px)
 
     def _pad(self, image: Grey) -> Grey:
         left_px, right_px = self._pad_left_px, self._pad_right_px

@@ -5,10 +5,11 @@ from typing import Literal, Protocol
 
 import msgspec
 
-from companion.kernel.messages import Phase
+from companion.kernel.messages import Phase, TrustStatus
 from companion.plan import Plan
 from companion.scorecard import Account, Scorecard
 from companion.switch import Thresholds
+from companion.trust import TrustHistory
 from companion.truth import TruthAccount
 
 Outcome = Literal["flown", "failed", "aborted"]
@@ -64,12 +65,20 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     auc: float
     threshold_px: float
     """λ above which mono reports an obstacle."""
+    trust: TrustStatus
+    """Of the learned estimate, at the end."""
+    trusted_after_s: float
+    """Flight time until it was first trusted; null where it never was."""
+    trust_lost: int
+    """Times that it went stale."""
     stereo_flight_s: float
     """Time with stereo in charge over the whole flight; mono_flight_s likewise."""
     mono_flight_s: float
     samples_learned: int
     frames: int
     frames_dropped: int
+    camera_faults: int
+    """Times that a fault of an eye, of the pair or of their timing was named."""
     sim_s: float
     """Take-off to landing, on the vehicle's clock."""
     wall_s: float
@@ -84,6 +93,7 @@ class FlightFacts(msgspec.Struct, kw_only=True):
     reason: str = ""
     frames: int = 0
     frames_dropped: int = 0
+    camera_faults: int = 0
     sim_s: float = 0.0
     wall_s: float = 0.0
     collisions: int | None = None
@@ -103,6 +113,9 @@ class Counted(Protocol):
 
     @property
     def samples_learned(self) -> int: ...
+
+    @property
+    def trust_history(self) -> TrustHistory: ...
 
 
 def summarise(plan: Plan, plan_name: str, counted: Counted, facts: FlightFacts) -> Summary:
@@ -133,11 +146,15 @@ def summarise(plan: Plan, plan_name: str, counted: Counted, facts: FlightFacts) 
         fpr=test.fpr,
         auc=test.auc,
         threshold_px=counted.thresholds.mono_px,
+        trust=counted.trust_history.status,
+        trusted_after_s=counted.trust_history.trusted_after_s,
+        trust_lost=counted.trust_history.times_lost,
         stereo_flight_s=sum(account.stereo_flight_s for account in flown),
         mono_flight_s=sum(account.mono_flight_s for account in flown),
         samples_learned=counted.samples_learned,
         frames=facts.frames,
         frames_dropped=facts.frames_dropped,
+        camera_faults=facts.camera_faults,
         sim_s=facts.sim_s,
         wall_s=facts.wall_s,
         real_time_factor=facts.sim_s / facts.wall_s if facts.wall_s > 0 else math.nan,
@@ -179,11 +196,21 @@ def table_rows(summary: Summary) -> list[tuple[str, str]]:
         ("Auto-overrides (test)", str(summary.overrides)),
         ("Overrides per minute (test)", format_figure(summary.overrides_per_min)),
         ("Mono threshold λ, px", format_figure(summary.threshold_px)),
+        ("Mono is trusted", _trust_text(summary)),
         (
             "Collisions (truth)",
             "unknown" if summary.collisions is None else str(summary.collisions),
         ),
     ]
+
+
+def _trust_text(summary: Summary) -> str:
+    """Since when, and what it is now where that is another thing."""
+    if math.isnan(summary.trusted_after_s):
+        return "never"
+    since = f"after {format_minutes(summary.trusted_after_s)}"
+    now = "" if summary.trust is TrustStatus.TRUSTED else f", now {summary.trust.value}"
+    return f"{since}{now}"
 
 
 def format_minutes(duration_s: float) -> str:

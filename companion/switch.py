@@ -6,11 +6,21 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from msgspec import Meta
 
-from companion.kernel.messages import Cue, Percept, Phase
+from companion.kernel.messages import Availability, Cue, Percept, Phase, TrustStatus
 from companion.kernel.settings import Settings
 
-Scheme = Literal["pure_stereo", "cold_turkey", "dagger", "training_wheels"]
+Scheme = Literal["pure_stereo", "cold_turkey", "dagger", "training_wheels", "auto", "fused"]
 Duration = Annotated[float, Meta(ge=0, le=86_400)]
+
+ALL_AVAILABLE = Availability()
+
+PHASE_OF_TRUST = {
+    TrustStatus.UNTRAINED: Phase.INITIAL,
+    TrustStatus.LEARNING: Phase.LEARNING,
+    TrustStatus.TRUSTED: Phase.TEST,
+    TrustStatus.STALE: Phase.LEARNING,
+}
+"""The phases of the scheme "auto": mono flies once it is trusted, whenever that is."""
 
 
 class ExperimentSettings(Settings, frozen=True):
@@ -26,10 +36,14 @@ class ExperimentSettings(Settings, frozen=True):
     dagger_beta: Annotated[float, Meta(ge=0, le=1)] = 0.25
     """Probability that DAgger lets stereo fly a frame of the learning phase."""
     test_override: bool = True
-    """False: once learning is over stereo is off for good, and mono must persist without it."""
+    """False: once learning is over stereo is off for good, and mono must persist without it. For
+    "auto", whose learning is never over, that is once the first two durations have passed."""
 
-    def phase_at(self, elapsed_s: float) -> Phase:
-        """The phase at this time since the experiment began."""
+    def phase_at(self, elapsed_s: float, trust: TrustStatus = TrustStatus.UNTRAINED) -> Phase:
+        """The phase at this time since the experiment began; "auto" has them by trust."""
+        if self.scheme == "auto":
+            total_s = self.initial_s + self.learning_s + self.test_s
+            return PHASE_OF_TRUST[trust] if elapsed_s < total_s else Phase.DONE
         if elapsed_s < self.initial_s:
             return Phase.INITIAL
         if elapsed_s < self.initial_s + self.learning_s:
@@ -38,6 +52,11 @@ class ExperimentSettings(Settings, frozen=True):
             return Phase.TEST
         return Phase.DONE
 
+    def stereo_is_over(self, elapsed_s: float) -> bool:
+        """Whether "auto" must do without stereo from here on."""
+        ends = self.scheme == "auto" and not self.test_override
+        return ends and elapsed_s >= self.initial_s + self.learning_s
+
 
 class Thresholds(NamedTuple):
     """λ above which each cue reports an obstacle, and above which stereo overrides mono."""
@@ -45,6 +64,10 @@ class Thresholds(NamedTuple):
     stereo_px: float
     mono_px: float
     override_px: float
+    caution_std: float = 0.0
+    """Standard deviations that are added to mono's λ."""
+    novelty: float = math.inf
+    """Mono reports an obstacle also where nothing like the frame was learned."""
 
 
 class Choice(NamedTuple):
@@ -66,26 +89,49 @@ class Switch:
         self._rng = rng
 
     def choose(
-        self, percept: Percept, phase: Phase, thresholds: Thresholds, looks_ahead: bool
+        self,
+        percept: Percept,
+        phase: Phase,
+        thresholds: Thresholds,
+        looks_ahead: bool,
+        available: Availability = ALL_AVAILABLE,
+        trust: TrustStatus = TrustStatus.UNTRAINED,
     ) -> Choice:
-        """``looks_ahead``: the behaviour would act on this frame's obstacle (see Behaviour)."""
+        """``looks_ahead``: the behaviour would act on this frame's obstacle (see Behaviour).
+
+        Where stereo is not available, only an estimate that is trusted flies, and nothing
+        overrides it.
+        """
+        if not available.stereo:
+            self.overriding = False
+            return _on_one_eye(percept, thresholds, available, trust)
         scheduled = self._scheduled_cue(phase)
-        alone = scheduled is Cue.MONO and phase is Phase.TEST and not self.settings.test_override
+        if scheduled is Cue.FUSED:
+            self.overriding = False
+            return _choice(Cue.FUSED, False, percept.fused_px, thresholds.stereo_px)
+        alone = scheduled is Cue.MONO and phase is Phase.TEST and self._without_override
         if scheduled is Cue.STEREO or (math.isnan(percept.mono_px) and not alone):
             self.overriding = False
             return _choice(Cue.STEREO, False, percept.stereo_px, thresholds.stereo_px)
         self.overriding = not alone and self._override_needed(percept, thresholds, looks_ahead)
         if self.overriding:
             return _choice(Cue.STEREO, True, percept.stereo_px, thresholds.stereo_px)
-        return _choice(Cue.MONO, False, percept.mono_px, thresholds.mono_px)
+        return _mono_choice(percept, thresholds)
+
+    @property
+    def _without_override(self) -> bool:
+        """Of the paper's schemes; for "auto" stereo is not available then."""
+        return not self.settings.test_override and self.settings.scheme != "auto"
 
     def _scheduled_cue(self, phase: Phase) -> Cue:
         scheme = self.settings.scheme
         if scheme == "pure_stereo" or phase is Phase.INITIAL:
             return Cue.STEREO
+        if scheme == "fused":
+            return Cue.FUSED
         if phase is not Phase.LEARNING or scheme == "training_wheels":
             return Cue.MONO
-        if scheme == "cold_turkey":
+        if scheme in ("cold_turkey", "auto"):
             return Cue.STEREO
         return Cue.STEREO if self._rng.random() < self.settings.dagger_beta else Cue.MONO
 
@@ -96,8 +142,23 @@ class Switch:
         """
         if self.overriding:
             return not percept.stereo_px <= thresholds.stereo_px
-        mono_silent = percept.mono_px <= thresholds.mono_px
+        mono_silent = _mono_choice(percept, thresholds).blocked is False
         return looks_ahead and mono_silent and percept.stereo_px > thresholds.override_px
+
+
+def _on_one_eye(
+    percept: Percept, thresholds: Thresholds, available: Availability, trust: TrustStatus
+) -> Choice:
+    if trust is TrustStatus.TRUSTED and (available.left or available.right):
+        return _mono_choice(percept, thresholds)
+    return _choice(Cue.NONE, False, math.nan, thresholds.mono_px)
+
+
+def _mono_choice(percept: Percept, thresholds: Thresholds) -> Choice:
+    caution_px = thresholds.caution_std * percept.mono_std_px if thresholds.caution_std else 0.0
+    choice = _choice(Cue.MONO, False, percept.mono_px + caution_px, thresholds.mono_px)
+    strange = percept.mono_novelty > thresholds.novelty
+    return choice._replace(blocked=True) if strange else choice
 
 
 def _choice(cue: Cue, override: bool, disparity_px: float, threshold_px: float) -> Choice:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.kernel.calibration import StereoCalibration
-from companion.kernel.errors import CameraError
 from companion.kernel.frames import Vector3, matrix_from_euler
 from companion.kernel.messages import StereoFrame
 from companion.kernel.settings import convert_settings
@@ -44,21 +43,18 @@ class MountedCamera:
     def calibration(self) -> StereoCalibration:
         return self._model.calibration
 
-    @property
-    def works(self) -> bool:
-        """Whether it sends frames at all."""
-        return self._world.autopilot.failures.of(Unit.CAMERA) is not Kind.OFF
-
-    def expose(self) -> StereoFrame:
-        """The pair as of now: the middle of the exposure."""
+    def expose(self) -> StereoFrame | None:
+        """The pair as of now, the middle of the exposure; what failures and faults leave of it."""
         kind, stamp_ns = self._world.autopilot.failures.of(Unit.CAMERA), self._world.stamp_ns
+        if kind is Kind.OFF:
+            return None
         if kind is Kind.STUCK and self._last is not None:
             return StereoFrame(stamp_ns, self._last.left, self._last.right)
         if kind is Kind.GARBAGE:
             shape = self.calibration.height_px, self.calibration.width_px
             left, right = self._rng.integers(0, 256, (2, *shape), np.uint8)
             return StereoFrame(stamp_ns, left, right)
-        self._last = frame = self._seen()
+        self._last = frame = self._world.camera_faults.deliver(self._seen())
         return frame
 
     def _seen(self) -> StereoFrame:
@@ -90,14 +86,12 @@ class Simulation:
         self.home = home
         self._steps = world.whole_steps(camera_rate_hz, "camera rate")
 
-    def next_frame(self) -> StereoFrame:
+    def next_frame(self) -> StereoFrame | None:
         """Steps the world to the next multiple of the camera's period, and exposes there.
 
-        Raises CameraError when the camera is off.
+        None where faults leave nothing of the frame.
         """
         self.world.advance_to(self.next_exposure_s)
-        if not self.camera.works:
-            raise CameraError("the stereo camera is off")
         return self.camera.expose()
 
     @property

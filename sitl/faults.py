@@ -9,7 +9,8 @@ from msgspec import Meta, field
 from companion.kernel.errors import PlanError
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
-from sitl.autopilot.parameters import parameter_problem
+from sitl.autopilot.parameters import change_parameter, default_parameters, parameter_problem
+from sitl.camera_faults import EyeFault, PairFault
 from sitl.conditions import Delay, LinkConditions, Norm
 from sitl.failures import SUPPORTED, Kind, Unit
 
@@ -55,12 +56,18 @@ class Faults(Settings, frozen=True):
     link_latency_s: Delay | None = None
     link_jitter_s: Delay | None = None
     link_duplicate_norm: Norm | None = None
+    left_eye: EyeFault | None = None
+    """What becomes of its images; ``"none"`` mends it."""
+    right_eye: EyeFault | None = None
+    stereo_pair: PairFault | None = None
+    """What becomes of both together."""
 
 
 class Event(Faults, frozen=True, kw_only=True):
-    """Faults that begin at a time of the world."""
+    """Faults that begin by themselves."""
 
     at_s: Annotated[float, Meta(ge=0.0)]
+    """The world's time, which begins before take-off."""
 
 
 def inject(world: "World", faults: Faults) -> float:
@@ -70,7 +77,8 @@ def inject(world: "World", faults: Faults) -> float:
     """
     check(faults)
     autopilot, surroundings = world.autopilot, world.surroundings
-    set_parameters(world, faults.parameters)
+    for name, value in faults.parameters.items():
+        autopilot.set_parameter(name, value)
     if faults.wind_ned_m_s is not None:
         surroundings.wind_ned_m_s = faults.wind_ned_m_s
     if faults.gusts_w20_m_s is not None:
@@ -85,6 +93,10 @@ def inject(world: "World", faults: Faults) -> float:
         autopilot.set_drift(faults.estimator_drift_ned_m_s)
     for unit, kind in faults.failures.items():
         autopilot.failures.inject(_UNITS[unit], Kind[kind.upper()])
+    eyes = world.camera_faults
+    eyes.left_eye = faults.left_eye or eyes.left_eye
+    eyes.right_eye = faults.right_eye or eyes.right_eye
+    eyes.pair = faults.stereo_pair or eyes.pair
     _impair(world.link, faults)
     return world.time_s
 
@@ -99,17 +111,19 @@ def _impair(link: LinkConditions, faults: Faults) -> None:
     link.settings = msgspec.structs.replace(link.settings, **changes)
 
 
-def check(faults: Faults) -> None:
-    """Raises PlanError for a unit that cannot fail in this way."""
+def check(faults: Faults, where: str = "") -> None:
+    """Raises PlanError for what cannot be; ``where`` is the path of the table, with its dot."""
+    check_parameters(faults.parameters, where)
     for unit, kind in faults.failures.items():
         possible = SUPPORTED[_UNITS[unit]]
         if Kind[kind.upper()] not in possible:
             names = ", ".join(sorted(kind.name.lower() for kind in possible))
-            raise PlanError(f"failures.{unit}: cannot be {kind!r}; allowed: {names}")
+            raise PlanError(f"{where}failures.{unit}: cannot be {kind!r}; allowed: {names}")
 
 
-def set_parameters(world: "World", values: Mapping[str, float]) -> None:
+def check_parameters(values: Mapping[str, float], where: str = "") -> None:
     """Raises PlanError for the first that is unknown or out of range."""
+    scratch = default_parameters()
     for name, value in values.items():
-        if not world.autopilot.set_parameter(name, value):
-            raise PlanError(f"parameters.{name}: {value:g}: {parameter_problem(name)}")
+        if not change_parameter(scratch, name, value):
+            raise PlanError(f"{where}parameters.{name}: {value:g}: {parameter_problem(name)}")

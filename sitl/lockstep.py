@@ -14,6 +14,7 @@ from companion.kernel.errors import LinkError, VehicleError
 from companion.kernel.frames import ned_from_hfrd
 from companion.kernel.messages import (
     NAN,
+    Event,
     FlightMode,
     LandedState,
     MocapPose,
@@ -23,7 +24,7 @@ from companion.kernel.messages import (
     Telemetry,
 )
 from companion.kernel.protocols import Rig
-from sitl.autopilot.interface import Ack, OffboardSetpoint
+from sitl.autopilot.interface import Ack, OffboardSetpoint, Severity
 from sitl.build import Simulation, build
 from sitl.lockstep_link import CARRY_PERIOD_S, LockstepLink
 
@@ -40,6 +41,8 @@ ANSWER_LIMIT_S = 0.5
 """As MAVSDK, and the companion's adapter on it: what is not answered is sent again."""
 OFFBOARD_TRIES = 3
 """The command may overtake the first setpoint, and is refused then."""
+TEXT_LENGTH = 50
+"""Characters that a STATUSTEXT holds."""
 
 
 @asynccontextmanager
@@ -102,7 +105,7 @@ class LockstepMocap:
 
 
 class LockstepCamera(_Opened):
-    """Renders the pair at each exposure; no frame is ever late or dropped."""
+    """Renders the pair at each exposure; no frame is late or dropped unless faults make it so."""
 
     frames_dropped = 0
 
@@ -118,7 +121,9 @@ class LockstepCamera(_Opened):
         while True:
             await let_others_run()
             self._carry()
-            yield self._simulation.next_frame()
+            frame = self._simulation.next_frame()
+            if frame is not None:
+                yield frame
 
     def _carry(self) -> None:
         """Lets the link work until the exposure, where it takes any time at all."""
@@ -204,6 +209,10 @@ class LockstepVehicle(_Opened):
                 yaw_rate_rad_s=setpoint.yaw_rate_rad_s,
             )
         )
+
+    async def say(self, event: Event) -> None:
+        severity = Severity.__members__.get(event.severity.upper(), Severity.INFO)
+        self._autopilot.announce(severity, event.text[:TEXT_LENGTH])
 
     async def _ask(self, command: Callable[[], Ack], what: str) -> None:
         """Raises VehicleError when it is refused, LinkError when no answer comes."""

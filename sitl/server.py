@@ -51,12 +51,9 @@ class SteppedWorld(Protocol):
 class ExposedCamera(Protocol):
     """Renders what the pair sees now."""
 
-    @property
-    def works(self) -> bool:
-        """Whether it sends frames at all."""
+    def expose(self) -> StereoFrame | None:
+        """None where the camera sends nothing."""
         ...
-
-    def expose(self) -> StereoFrame: ...
 
 
 class CameraServer:
@@ -158,7 +155,7 @@ class RealTimeServer:
         self._mavlink.update(time_s)
         if time_s >= self._frame_due_s - 1e-6:
             self._frame_due_s += self._frame_period_s
-            frame = self._camera.expose() if self._camera.works else None
+            frame = self._camera.expose()
             self._frames.publish_truth(self._world.mocap)
             if frame is not None:
                 self._frames.publish_frame(frame)

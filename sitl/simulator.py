@@ -12,9 +12,10 @@ from companion.kernel.frames import Vector3, quaternion_from_euler
 from companion.kernel.messages import LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
-from sitl.conditions import LinkConditions, link_rng
+from sitl.camera_faults import CameraFaults
+from sitl.conditions import CLEAR, LinkConditions, link_rng
 from sitl.environment.surroundings import Surroundings
-from sitl.faults import check, inject, set_parameters
+from sitl.faults import check, check_parameters, inject
 from sitl.hull import (
     CRASH_SPEED_M_S,
     HULL_RADIUS_M,
@@ -29,9 +30,12 @@ from sitl.settings import SitlSettings
 _log = logging.getLogger(__name__)
 
 GUST_STREAM: Final = 4
-"""Key of the gusts' random numbers among those spawned from the seed."""
+"""Keys of random numbers among those spawned from the seed; the autopilot's is 0, others are taken
+by ``sitl.build`` and ``sitl.conditions``."""
+CAMERA_FAULTS_STREAM: Final = 5
 MOCAP_HZ: Final = 100
 _MOCAP_KEPT: Final = 600 * MOCAP_HZ  # poses that wait for a reader; then the oldest go
+
 # Contact is looked for at every step of the physics when the hull is closer to the room than this,
 # or the feet to the floor in a fall.
 _NEAR_M: Final = 0.15
@@ -87,8 +91,11 @@ class World:
             settings,
             np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(GUST_STREAM,))),
         )
+        self.camera_faults = CameraFaults(
+            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CAMERA_FAULTS_STREAM,)))
+        )
         self._events = deque(sorted(settings.events, key=lambda event: event.at_s))
-        self.link = LinkConditions(settings.link, link_rng(seed))
+        self.link = LinkConditions(CLEAR, link_rng(seed))
         """Of the companion's link, whatever carries it."""
         self.mocap: deque[MocapPose] = deque(maxlen=_MOCAP_KEPT)
         self._walls, self._floor = ContactCounter(), ContactCounter()
@@ -108,10 +115,13 @@ class World:
 
     def _begin(self, settings: SitlSettings) -> None:
         """What the plan wants from the start; what it wants later is checked now."""
-        set_parameters(self, settings.parameters)
+        check_parameters(settings.parameters, "sitl.")
+        check(settings.faults, "sitl.faults.")
+        for number, event in enumerate(settings.events):
+            check(event, f"sitl.events[{number}].")
+        for name, value in settings.parameters.items():
+            self.autopilot.set_parameter(name, value)
         inject(self, settings.faults)
-        for event in settings.events:
-            check(event)
 
     def whole_steps(self, rate_hz: float, what: str) -> int:
         """Steps of the physics in a period of ``rate_hz``. Raises PlanError unless it is whole."""

@@ -10,7 +10,7 @@ from companion.flightlog import FlightLog
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.errors import RecordingError
 from companion.kernel.messages import Phase
-from companion.pipeline import PHASES_OF_LEARNING, approach_of
+from companion.pipeline import approach_of
 from companion.risk import (
     INTERVAL_NORM,
     Approach,
@@ -25,6 +25,7 @@ from companion.risk import (
     tally,
     total,
 )
+from companion.thresholds import PHASES_OF_LEARNING
 from tools.flown import FlownFlight
 
 

@@ -17,6 +17,8 @@ from sitl.arena.room import Room
 
 COLOURS = {"stereo": "#0072b2", "mono": "#009e73", "override": "#d55e00"}
 """Wong's palette: told apart by colour-blind readers too."""
+PALETTE = ("#0072b2", "#009e73", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9")
+"""The same, for what has no colour of its own."""
 PHASES = ("initial", "learning", "test")
 
 

@@ -95,6 +95,10 @@ class FlownFlight:
             return float(self.decision["threshold_px"][mono][-1])
         return self.plan.learner.fixed_threshold_px(self.plan.behaviour.turn_threshold_px)
 
+    @property
+    def flew_mono_in_test(self) -> bool:
+        return bool((self.in_phase(Phase.TEST) & (self.decision["cue"] == "mono")).any())
+
     @cached_property
     def scorecard(self) -> Scorecard:
         """The flight's own counts, made anew from its records."""

@@ -18,6 +18,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from tools.agreement import agreement, expectation
 from tools.assessment import Figure, Report, assess
 from tools.drawing import run
 from tools.flown import FlownFlight, find_logs
@@ -78,27 +79,22 @@ def _number(value: float) -> str:
     return "–" if math.isnan(value) else f"{value:.2g}"
 
 
-def comparison_lines(reports: Sequence[Report]) -> Iterator[str]:
+def comparison_lines(reports: Sequence[Report], rng: np.random.Generator) -> Iterator[str]:
     """Expected and observed overrides of each flight, and of all for which both are known."""
     columns = ("expected from learning", "expected from test", "observed")
     yield f"{'overrides in the test phase':44}" + "".join(f"{name:>26}" for name in columns)
-    sums = np.zeros(3)
-    for report in reports:
-        approaches = report.observed.mono_approaches
-        expected = [
-            _times(prediction.override, approaches)
-            for prediction in (report.from_learning, report.from_test)
-        ]
-        seen = report.observed.override * approaches
-        cells = [*map(_text, expected), _number(seen)]
-        yield f"{report.flight:44}" + "".join(f"{cell:>26}" for cell in cells)
-        values = np.array([*(figure.value for figure in expected), seen])
-        sums += 0.0 if np.isnan(values).any() else values
-    yield f"{'all, where known':44}" + "".join(f"{_number(value):>26}" for value in sums)
+    expectations = [expectation(report) for report in reports]
+    for flight, learning, test, observed in expectations:
+        yield _comparison(flight, _text(learning), _text(test), _number(observed))
+    total = agreement(expectations, rng)
+    sums = (total.from_learning, total.from_test, total.observed)
+    yield _comparison(f"all, where known ({total.flights})", *(f"{value:.1f}" for value in sums))
+    ratios = (_text(total.ratio_learning), _text(total.ratio_test))
+    yield _comparison("observed / expected", *ratios, "")
 
 
-def _times(figure: Figure, count: int) -> Figure:
-    return Figure(figure.value * count, figure.low * count, figure.high * count)
+def _comparison(name: str, *cells: str) -> str:
+    return (f"{name:44}" + "".join(f"{cell:>26}" for cell in cells)).rstrip()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -118,7 +114,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if args.json:
             text = msgspec.json.encode(reports[0] if alone else reports)
             args.json.write_bytes(msgspec.json.format(text, indent=2) + b"\n")
-        yield from table_lines(reports[0]) if alone else comparison_lines(reports)
+        rng = np.random.default_rng(args.seed)
+        yield from table_lines(reports[0]) if alone else comparison_lines(reports, rng)
 
     return run("risk", work)
 

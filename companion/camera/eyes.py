@@ -45,7 +45,8 @@ class EyesRecording:
                         f"{path}: image is {image.shape[1]} x {image.shape[0]}; "
                         f"the calibration declares {shape[1]} x {shape[0]}"
                     )
-            yield StereoFrame(stamp_ns, *images)
+            left, right = images
+            yield StereoFrame(stamp_ns, left, right)
 
 
 def _images(folder: Path) -> dict[str, Path]:

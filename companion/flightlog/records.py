@@ -27,9 +27,11 @@ class Topic(StrEnum):
     PERCEPT = "/percept"
     MAP = "/map"
     DECISION = "/decision"
+    TRUST = "/trust"
     SETPOINT = "/setpoint"
     MOCAP = "/mocap"
     EVENT = "/event"
+    HEALTH = "/health"
     LEFT = "/camera/left"
     RIGHT = "/camera/right"
 

@@ -130,6 +130,8 @@ class FlightLogWriter:
             log_time_ns = frame.stamp_ns
         try:
             for topic, eye in ((Topic.LEFT, frame.left), (Topic.RIGHT, frame.right)):
+                if not eye.size:
+                    continue
                 channel = self._channels.get(topic) or self._open(topic, CompressedImage)
                 image = _compress(eye, frame.stamp_ns, topic.rpartition("/")[2])
                 self._append(channel[0], image, log_time_ns, frame.stamp_ns)

@@ -2,7 +2,7 @@
 
 import math
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -16,13 +16,16 @@ NAN = math.nan
 class StereoFrame(msgspec.Struct, frozen=True, eq=False):
     """A synchronised grey stereo pair.
 
-    left, right: uint8 of shape (height, width), raw (not rectified). ``stamp_ns`` is the middle of
-    the exposure, in nanoseconds of the camera's clock.
+    left, right: uint8 of shape (height, width), raw (not rectified); of shape (0, 0) from an eye
+    that sent nothing. ``stamp_ns`` is the middle of the left eye's exposure, in nanoseconds of the
+    camera's clock.
     """
 
     stamp_ns: int
     left: NDArray[np.uint8]
     right: NDArray[np.uint8]
+    skew_ns: int = 0
+    """How much later the right eye was exposed."""
 
 
 class FlightMode(StrEnum):
@@ -76,11 +79,36 @@ class Setpoint(msgspec.Struct, frozen=True, kw_only=True):
     yaw_rate_rad_s: float = 0.0
 
 
+class Availability(NamedTuple):
+    """What the health of the cameras lets a frame be used for."""
+
+    stereo: bool = True
+    """Both eyes are well and agree on their geometry and time."""
+    left: bool = True
+    right: bool = True
+
+
 class Cue(StrEnum):
-    """Which of the two estimates of λ flies the vehicle."""
+    """Which estimate of λ flies the vehicle."""
 
     STEREO = "stereo"
     MONO = "mono"
+    FUSED = "fused"
+    """Both, weighed by their variances."""
+    NONE = "none"
+    """None can be relied on: the vehicle stands still."""
+
+
+class TrustStatus(StrEnum):
+    """How far the learned estimate may be relied on."""
+
+    UNTRAINED = "untrained"
+    """It knows no λ yet."""
+    LEARNING = "learning"
+    """It knows λ, and has not shown yet that it may fly alone."""
+    TRUSTED = "trusted"
+    STALE = "stale"
+    """It was trusted, and does not fit what is seen now."""
 
 
 class Phase(StrEnum):
@@ -109,9 +137,13 @@ class Percept(msgspec.Struct, frozen=True, kw_only=True):
     """Share of pixels with a match: the quality of ``stereo_px``."""
     mono_px: float
     mono_std_px: float
+    """As its errors so far have shown it, not as the learner states it."""
     mono_novelty: float = NAN
     """How unlike all that was learned from the frame is: below 1 for most frames of the
     place that was learned, well above 1 elsewhere, or where one eye is covered."""
+    fused_px: float = NAN
+    """Both cues weighed by their variances, or the one that is known."""
+    fused_std_px: float = NAN
 
 
 class MonoMap(msgspec.Struct, frozen=True, kw_only=True):
@@ -149,6 +181,66 @@ class Decision(msgspec.Struct, frozen=True, kw_only=True):
     """Events since the phase began."""
     turns: int
     approaches: int
+    trust: TrustStatus = TrustStatus.UNTRAINED
+    certainty_norm: float = 1.0
+    """How sure the cue that flies is that the way is clear; 1 is full speed."""
+
+
+class TrustFigures(msgspec.Struct, frozen=True, kw_only=True):
+    """What the status of the learned estimate was judged by; NaN where nothing defines it."""
+
+    stamp_ns: int
+    status: TrustStatus
+    frames: int = 0
+    """In the window, on which both cues knew λ."""
+    approaches: int = 0
+    """In the window, that came to an obstacle."""
+    error_norm: float = NAN
+    """Mean square error over the variance of stereo's λ."""
+    recent_error_norm: float = NAN
+    """The last seconds' error over the same variance."""
+    auc: float = NAN
+    collision_probability: float = NAN
+    """Of an approach, with 95 % confidence no more than this."""
+    novelty: float = NAN
+    """Mean of the last seconds."""
+
+
+class CameraFault(StrEnum):
+    """What can be wrong with one eye, or with the two as a pair; the text is how logs name it."""
+
+    NO_FRAMES = "no frames"
+    FROZEN = "frozen"
+    BLACK = "black"
+    SATURATED = "saturated"
+    HALF = "half a frame"
+    TORN = "torn"
+    BLURRED = "contrast lost"
+    LATE = "late frames"
+    SWAPPED = "left and right swapped"
+    DECALIBRATED = "decalibrated"
+    UNMATCHED = "eyes do not match"
+    DESYNCHRONISED = "stamps out of step"
+
+
+class Health(msgspec.Struct, frozen=True, kw_only=True):
+    """The state of the cameras, written when it changes: what may be flown on and learned from, the
+    ``CameraFault`` of each eye, of their matching and of their timing ("" for none), and the
+    figures that show it.
+    """
+
+    stamp_ns: int
+    stereo: bool
+    left: bool
+    right: bool
+    left_fault: str
+    right_fault: str
+    pair_fault: str
+    timing_fault: str
+    left_evidence: str
+    right_evidence: str
+    pair_evidence: str
+    timing_evidence: str
 
 
 class Event(msgspec.Struct, frozen=True, kw_only=True):

@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol, Self
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.clock import Clock
 from companion.kernel.messages import (
+    Event,
     MocapPose,
     Setpoint,
     SimulationRequest,
@@ -69,6 +70,10 @@ class Vehicle(_Device, Protocol):
     async def start_offboard(self, setpoint: Setpoint) -> None: ...
 
     async def send(self, setpoint: Setpoint) -> None: ...
+
+    async def say(self, event: Event) -> None:
+        """Tells whoever watches the vehicle (STATUSTEXT). Never raises: nothing depends on it."""
+        ...
 
     async def hold(self) -> None:
         """Stops and hovers in the autopilot's own hold mode."""

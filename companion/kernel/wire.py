@@ -3,7 +3,7 @@
 =========  =====================================  ================================
 topic      header (msgpack)                       further parts
 =========  =====================================  ================================
-``frame``  ``FrameHeader``                        left, right: height x width bytes
+``frame``  ``FrameHeader``                        left, right: height x width bytes, or none
 ``truth``  ``TruthHeader``                        none
 =========  =====================================  ================================
 
@@ -38,6 +38,7 @@ class FrameHeader(msgspec.Struct, frozen=True, kw_only=True):
     width_px: int
     height_px: int
     calibration: StereoCalibration
+    skew_ns: int = 0
 
 
 class TruthHeader(msgspec.Struct, frozen=True, kw_only=True):
@@ -59,13 +60,16 @@ _truth_decoder = msgspec.msgpack.Decoder(TruthHeader)
 
 
 def encode_frame(frame: StereoFrame, sequence: int, calibration: StereoCalibration) -> list[bytes]:
-    height_px, width_px = frame.left.shape
+    declared = calibration.height_px, calibration.width_px
+    sent = [eye.shape for eye in (frame.left, frame.right) if eye.size]
+    height_px, width_px = sent[0] if sent else declared
     header = FrameHeader(
         sequence=sequence,
         stamp_ns=frame.stamp_ns,
         width_px=width_px,
         height_px=height_px,
         calibration=calibration,
+        skew_ns=frame.skew_ns,
     )
     return [FRAME_TOPIC, _encoder.encode(header), frame.left.tobytes(), frame.right.tobytes()]
 
@@ -87,6 +91,7 @@ def decode_frame(parts: Sequence[bytes]) -> SentFrame:
         stamp_ns=header.stamp_ns,
         left=_image("left", parts[2], header),
         right=_image("right", parts[3], header),
+        skew_ns=header.skew_ns,
     )
     return SentFrame(frame, header.sequence, header.calibration)
 
@@ -123,6 +128,8 @@ def _image(eye: str, part: bytes, header: FrameHeader) -> NDArray[np.uint8]:
             f"camera message: image of {header.width_px}x{header.height_px} px; "
             f"at most {MAX_IMAGE_BYTES} pixels are allowed"
         )
+    if not part:
+        return np.empty((0, 0), np.uint8)
     _expect(f"bytes of the {eye} image", expected_bytes, len(part))
     pixels = np.frombuffer(part, dtype=np.uint8)
     return pixels.reshape(header.height_px, header.width_px).copy()

@@ -37,7 +37,12 @@ BLEND_BALANCE = 0.5
 
 def _networks(settings: RegressorSettings, n_networks: int) -> MLPRegressor:
     capacity = min(settings.capacity, MLP_CAPACITY)
-    return MLPRegressor(n_networks=n_networks, capacity=capacity, random_state=settings.seed)
+    return MLPRegressor(
+        n_networks=n_networks,
+        capacity=capacity,
+        random_state=settings.seed,
+        keep=settings.keep,
+    )
 
 
 def _blend(settings: RegressorSettings) -> BlendRegressor:
@@ -64,7 +69,9 @@ REGRESSORS: Mapping[str, Callable[[RegressorSettings], Regressor]] = {
     "blend": _blend,
     "cnn": _convolutional,
     "gp": lambda settings: GPRegressor(window=min(GPRegressor().window, settings.capacity)),
-    "knn": lambda settings: KNNRegressor(n_neighbors=settings.k, capacity=settings.capacity),
+    "knn": lambda settings: KNNRegressor(
+        n_neighbors=settings.k, capacity=settings.capacity, keep=settings.keep
+    ),
     "mean": lambda settings: MeanRegressor(),
     "mlp": lambda settings: _networks(settings, n_networks=3),
     "ridge": lambda settings: RidgeRegressor(),

@@ -7,6 +7,7 @@ from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
 from companion.kernel.settings import Settings
+from companion.regressors.slots import Keep
 
 Floats = NDArray[np.float64]
 Arrays = dict[str, NDArray[np.generic]]
@@ -17,7 +18,9 @@ class RegressorSettings(Settings, frozen=True):
 
     k: Annotated[int, Meta(ge=1, le=64)] = 5
     capacity: Annotated[int, Meta(ge=1, le=10_000_000)] = 100_000
-    """Samples kept; beyond it the oldest is replaced."""
+    """Samples kept."""
+    keep: Keep = "newest"
+    """Which they are beyond that: see companion.regressors.slots."""
     seed: Annotated[int, Meta(ge=0)] = 0
     """Of what a regressor draws at random."""
 

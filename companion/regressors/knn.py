@@ -10,6 +10,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from companion.regressors.base import Arrays, Floats
 from companion.regressors.neighbours import Neighbours
+from companion.regressors.slots import Keep, SlotMemory, Slots
 
 
 class KNNModel(NamedTuple):
@@ -34,14 +35,18 @@ class KNNModel(NamedTuple):
 
 
 class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sklearn is untyped
-    """Mean of the ``n_neighbors`` nearest samples (Euclidean, float32); the newest are kept.
+    """Mean of the ``n_neighbors`` nearest samples (Euclidean, float32).
 
-    Learned: ``n_samples_`` held now, ``n_seen_`` ever, ``n_features_in_``.
+    Beyond ``capacity`` those are kept that ``keep`` says (slots.SlotMemory). Learned: ``memory_``,
+    ``n_features_in_``.
     """
 
-    def __init__(self, n_neighbors: int = 5, capacity: int = 100_000) -> None:
+    def __init__(
+        self, n_neighbors: int = 5, capacity: int = 100_000, keep: Keep = "newest"
+    ) -> None:
         self.n_neighbors = n_neighbors
         self.capacity = capacity
+        self.keep = keep
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Forgets all, then learns ``X`` (n, n_features) and ``y`` (n,)."""
@@ -49,7 +54,7 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         return self._start(X.shape[1])._append(X, y)
 
     def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Adds samples; beyond ``capacity`` each replaces the oldest."""
+        """Adds samples."""
         first = not hasattr(self, "neighbours_")
         X, y = self._validated(X, y, reset=first)
         if first:
@@ -66,26 +71,39 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
             check_is_fitted(self)
         if not self._is_plain(X):
             X = validate_data(self, X, dtype=np.float32, order="C", reset=False)
-        model = KNNModel(self.neighbours_, self.targets_, self.n_samples_, self.n_neighbors)
+        model = KNNModel(self.neighbours_, self.targets_, self.memory_.n_kept, self.n_neighbors)
         return model.predict(X, return_std=True) if return_std else model.predict(X)
 
     def snapshot(self) -> KNNModel:
         """The model as it is now, as a copy."""
         check_is_fitted(self)
-        targets = self.targets_[: self.n_samples_].copy()
-        return KNNModel(self.neighbours_.copy(), targets, self.n_samples_, self.n_neighbors)
+        n_kept = self.memory_.n_kept
+        targets = self.targets_[:n_kept].copy()
+        return KNNModel(self.neighbours_.copy(), targets, n_kept, self.n_neighbors)
 
     def state(self) -> Arrays:
-        """Samples oldest first: ``X`` (n_samples, n_features), ``y`` (n_samples,)."""
+        """Samples oldest first: ``X`` (n_samples, n_features), ``y`` (n_samples,).
+
+        An even sample needs to know of how many it is: ``n_seen``.
+        """
         if not hasattr(self, "neighbours_"):
             return {}
-        oldest = self.n_seen_ % self.n_samples_ if self.n_seen_ > self.n_samples_ else 0
-        order = np.roll(np.arange(self.n_samples_), -oldest)
-        return {"X": self.neighbours_.rows(self.n_samples_)[order], "y": self.targets_[order]}
+        order = self.memory_.order()
+        rows = self.neighbours_.rows(self.memory_.n_kept)
+        arrays: Arrays = {"X": rows[order], "y": self.targets_[order]}
+        if self.keep == "mixed":
+            arrays["n_seen"] = np.array(self.memory_.n_seen)
+        return arrays
 
     def restore(self, state: Arrays) -> Self:
-        """Learns the samples of ``state`` afresh."""
-        return self.fit(state["X"], state["y"]) if state else self
+        """Takes up where ``state`` was taken; the newest samples where not all fit."""
+        if not state:
+            return self
+        X, y = self._validated(state["X"], state["y"], reset=True)
+        n_seen = int(np.asarray(state.get("n_seen", len(y)), dtype=np.int64))
+        X, y = X[-self.capacity :], y[-self.capacity :]
+        self._start(X.shape[1])
+        return self._put(X, y, self.memory_.restore(max(n_seen, len(y)), len(y)))
 
     def _validated(
         self, X: ArrayLike, y: ArrayLike, *, reset: bool
@@ -121,21 +139,22 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
     def _start(self, n_features: int) -> Self:
         self.neighbours_ = Neighbours(n_features)
         self.targets_ = np.zeros(0)
-        self.n_samples_ = 0
-        self.n_seen_ = 0
+        self.memory_ = SlotMemory(self.capacity, self.keep)
         return self
 
     def _append(self, X: NDArray[np.float32], y: Floats) -> Self:
-        if len(y) > self.capacity:
-            # What would be overwritten at once need not be written; slots stay those of n_seen_.
-            self.n_seen_ += len(y) - self.capacity
-            X, y = X[-self.capacity :], y[-self.capacity :]
-        self.n_samples_ = min(self.n_samples_ + len(y), self.capacity)
-        self._grow(self.n_samples_)
-        slots = (self.n_seen_ + np.arange(len(y))) % self.capacity
+        slots = self.memory_.take(len(y))
+        if len(y) > 1:
+            # What would be overwritten at once need not be written.
+            _, from_end = np.unique(slots[::-1], return_index=True)
+            last = np.sort(len(y) - 1 - from_end)
+            X, y, slots = X[last], y[last], slots[last]
+        return self._put(X, y, slots)
+
+    def _put(self, X: NDArray[np.float32], y: Floats, slots: Slots) -> Self:
+        self._grow(self.memory_.n_kept)
         self.neighbours_.put(X, slots)
         self.targets_[slots] = y
-        self.n_seen_ += len(y)
         return self
 
     def _grow(self, n_samples: int) -> None:

@@ -17,6 +17,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from companion.regressors.base import Arrays, Floats
 from companion.regressors.network import Network, Tensor
 from companion.regressors.scaling import RunningScale
+from companion.regressors.slots import Keep, SlotMemory, Slots
 
 BINS = 20
 """Targets are drawn from this many ranges, of which the rare ones count for more."""
@@ -27,8 +28,8 @@ RESIDUAL_RATE = 0.01
 class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sklearn is untyped
     """Mean of ``n_networks`` networks trained by replay; ``predict`` gives their spread too.
 
-    ``capacity`` samples are remembered, each new one beyond it in place of the oldest; every call
-    of ``partial_fit`` takes ``n_steps`` steps with ``batch`` remembered samples per network.
+    ``capacity`` samples are remembered, beyond it those that ``keep`` says (slots.SlotMemory);
+    every call of ``partial_fit`` takes ``n_steps`` steps with ``batch`` of them per network.
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         capacity: int = 20_000,
         balance: float = 0.5,
         random_state: int = 0,
+        keep: Keep = "newest",
     ) -> None:
         self.hidden = hidden
         self.n_networks = n_networks
@@ -48,6 +50,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         self.capacity = capacity
         self.balance = balance
         self.random_state = random_state
+        self.keep = keep
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Forgets all, then learns ``X`` (n, n_features) and ``y`` (n,) until it settles."""
@@ -102,14 +105,15 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         """Memory oldest first, scales, weights and the optimiser's moments."""
         if not hasattr(self, "network_"):
             return {}
-        n_kept = min(self.n_seen_, self.capacity)
-        order = np.roll(np.arange(n_kept), -(self.n_seen_ % n_kept))
+        order = self.memory_.order()
         arrays: Arrays = {
             "X": self.samples_[order],
             "y": self.targets_[order],
-            "counts": np.array([self.n_seen_, self.network_.n_steps], dtype=np.int64),
+            "counts": np.array([self.memory_.n_seen, self.network_.n_steps], dtype=np.int64),
             "error": np.array(self.error_),
         }
+        if self.keep == "mixed":
+            arrays["order"] = order
         for prefix, part in (("in", self.inputs_), ("out", self.outputs_)):
             arrays |= {f"{prefix}.{name}": values for name, values in part.state().items()}
         return arrays | self.network_.state()
@@ -118,13 +122,13 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         """Takes up where ``state`` was taken; learning goes on to the same bits."""
         if not state:
             return self
-        samples = np.asarray(state["X"], dtype=np.float16)
+        samples = np.asarray(state["X"], dtype=np.float16)[-self.capacity :]
         self.n_features_in_ = samples.shape[1]
         self._start()
-        self.n_seen_, n_steps = (int(count) for count in state["counts"])
+        n_seen, n_steps = (int(count) for count in state["counts"])
+        slots = self.memory_.restore(n_seen, len(samples), _slots_in(state))
         self._grow(len(samples))
-        slots = (self.n_seen_ - len(samples) + np.arange(len(samples))) % self.capacity
-        self.samples_[slots], self.targets_[slots] = samples, state["y"]
+        self.samples_[slots], self.targets_[slots] = samples, state["y"][-self.capacity :]
         self.error_ = float(np.asarray(state["error"], dtype=np.float64))
         for prefix, part in (("in.", self.inputs_), ("out.", self.outputs_)):
             part.restore(
@@ -141,7 +145,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         # Half precision halves the saved model; features are measured far less precisely.
         self.samples_ = np.zeros((0, n_features), dtype=np.float16)
         self.targets_ = np.zeros(0)
-        self.n_seen_ = 0
+        self.memory_ = SlotMemory(self.capacity, self.keep, self.random_state)
         self.error_ = 0.0
         return self
 
@@ -153,11 +157,9 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
     def _remember(self, samples: NDArray[np.float32], targets: Floats) -> None:
         self.inputs_.update(samples)
         self.outputs_.update(targets[:, np.newaxis])
-        samples, targets = samples[-self.capacity :], targets[-self.capacity :]
-        self._grow(min(self.n_seen_ + len(targets), self.capacity))
-        slots = (self.n_seen_ + np.arange(len(targets))) % self.capacity
+        slots = self.memory_.take(len(targets))
+        self._grow(self.memory_.n_kept)
         self.samples_[slots], self.targets_[slots] = samples, targets
-        self.n_seen_ += len(targets)
 
     def _grow(self, n_samples: int) -> None:
         missing = n_samples - len(self.targets_)
@@ -169,7 +171,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         self.targets_ = np.concatenate([self.targets_, np.zeros(extra)])
 
     def _train(self, n_steps: int) -> None:
-        n_kept = min(self.n_seen_, self.capacity)
+        n_kept = self.memory_.n_kept
         for _ in range(n_steps):
             # A generator per step: a restored model goes on as the original would.
             rng = np.random.default_rng([self.random_state, self.network_.n_steps])
@@ -180,6 +182,10 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
             shape = (self.n_networks, self.batch)
             batch: Tensor = inputs.reshape(*shape, -1)
             self.network_.step(batch, wanted.reshape(shape), rng)
+
+
+def _slots_in(state: Arrays) -> Slots | None:
+    return np.asarray(state["order"], dtype=np.int64) if "order" in state else None
 
 
 @njit("i8[::1](f8[::1], f8[::1], f8)", cache=True, nogil=True)

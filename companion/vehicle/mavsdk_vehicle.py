@@ -15,26 +15,28 @@ import mavsdk.logging
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk, MavsdkConnectionError
 from mavsdk.plugins.action import Action, ActionError
 from mavsdk.plugins.offboard import Offboard, OffboardError, VelocityBodyYawspeed
+from mavsdk.plugins.server_utility import ServerUtility, ServerUtilityError, StatusTextType
 from mavsdk.plugins.telemetry import Telemetry as TelemetryPlugin
 from mavsdk.plugins.telemetry import TelemetryError
 
 from companion.kernel.attempts import attempt
 from companion.kernel.clock import Clock, wall_s
-from companion.kernel.errors import LinkError, VehicleError
-from companion.kernel.messages import FlightMode, LandedState, Setpoint, Telemetry
+from companion.kernel.errors import CompanionError, LinkError, VehicleError
+from companion.kernel.messages import Event, FlightMode, Setpoint, Telemetry
 from companion.kernel.settings import Settings
 from companion.vehicle.deadman import Deadman, DeadmanSettings, Stage
 from companion.vehicle.slots import TelemetrySlots
+from companion.vehicle.states import hovers, is_disarmed, left_the_ground
 
 logger = logging.getLogger(__name__)
 
 POLL_PERIOD_S = 0.05
 ARM_RETRY_PERIOD_S = 0.5
-ASKED_TIMES = 3
-"""By us; MAVSDK itself sends a command four times, half a second apart, before it gives up."""
-OFFBOARD_TRIES = 3
-"""On a bad link the command may overtake the first setpoint, and is refused then."""
-HEIGHT_TOLERANCE_M = 0.3
+ASKED_TIMES = OFFBOARD_TRIES = 3
+"""On bad links answers get lost, though MAVSDK itself sends a command four times, and the command
+for offboard mode may overtake the first setpoint."""
+TEXT_LENGTH = 49
+"""Characters that one STATUSTEXT holds; from 50 on MAVSDK sends a second one."""
 ARMED_LAG_S = 2.0
 """`armed` comes with heartbeats at 1 Hz; for this long after arming, a "no" may be old."""
 
@@ -114,10 +116,15 @@ class MavsdkVehicle:
     async def take_off(self, height_m: float) -> None:
         await _ask("set the take-off height", self._action.set_takeoff_altitude, height_m)
         await self.arm()
-        await _ask("take off", self._action.takeoff)
+        before = self.telemetry()
+        try:
+            await _ask("take off", self._action.takeoff)
+        except VehicleError:
+            if not left_the_ground(before, self.telemetry()):
+                raise  # else only its answer got lost, and asking again was vain
         await self._confirm(
             f"hovering at {height_m:g} m",
-            lambda now: _hovers(now, height_m),
+            lambda now: hovers(now, height_m),
             self._settings.climb_limit_s,
         )
 
@@ -133,6 +140,14 @@ class MavsdkVehicle:
             raise VehicleError(f"setpoints stayed away too long: the deadman is {stage.name}")
         self._put(setpoint)
 
+    async def say(self, event: Event) -> None:
+        kind = StatusTextType.__members__.get(event.severity.upper(), StatusTextType.INFO)
+        text = event.text.encode("ascii", "replace")[:TEXT_LENGTH]
+        try:
+            await _ask("send a text", self._texts.send_status_text, kind, text)
+        except CompanionError as error:
+            logger.warning("%s", error)
+
     async def hold(self) -> None:
         self._check_link()
         await _ask("hold", self._action.hold)
@@ -145,7 +160,7 @@ class MavsdkVehicle:
             return
         await _ask("land", self._action.land)
         self._deadman.rest()
-        await self._confirm("disarmed", _is_disarmed, self._settings.land_limit_s)
+        await self._confirm("disarmed", is_disarmed, self._settings.land_limit_s)
 
     async def _start_offboard(self, setpoint: Setpoint) -> None:
         await _ask("start offboard", self._offboard.start)
@@ -163,6 +178,7 @@ class MavsdkVehicle:
         self._action = Action(system._system)
         self._offboard = Offboard(system._system)
         self._plugin = TelemetryPlugin(system._system)
+        self._texts = ServerUtility(system._system)
         self._subscribe()
         rate_hz = self._settings.telemetry_rate_hz
         await _ask("set the odometry's rate", self._plugin.set_rate_odometry, rate_hz)
@@ -256,7 +272,7 @@ def _call(
 ) -> None:
     try:
         request(*arguments, **named)
-    except (ActionError, OffboardError, TelemetryError) as error:
+    except (ActionError, OffboardError, ServerUtilityError, TelemetryError) as error:
         if error.result.name in _GONE:
             raise LinkError(f"{what}: no answer from the autopilot ({_reason(error)})") from error
         raise VehicleError(f"{what}: refused by the autopilot ({_reason(error)})") from error
@@ -265,18 +281,6 @@ def _call(
 def _velocity_body(setpoint: Setpoint) -> VelocityBodyYawspeed:
     yaw_rate_deg_s = math.degrees(setpoint.yaw_rate_rad_s)
     return VelocityBodyYawspeed(*setpoint.velocity_hfrd_m_s, yaw_rate_deg_s)
-
-
-def _hovers(now: Telemetry, height_m: float) -> bool:
-    return (
-        now.landed_state is LandedState.IN_AIR
-        and now.flight_mode is FlightMode.HOLD
-        and abs(-now.position_ned_m[2] - height_m) < HEIGHT_TOLERANCE_M
-    )
-
-
-def _is_disarmed(now: Telemetry) -> bool:
-    return not now.armed
 
 
 def _reason(error: Exception) -> str:

@@ -60,9 +60,13 @@ class Channel:
         self._sequence = (self._sequence + 1) % 256
         if self.log is not None:
             self.log.write(time_s, packed)
-        if len(self._waiting) + len(packed) > MAX_OUTGOING_BYTES:
+        self.forward(packed)
+
+    def forward(self, frame: bytes) -> None:
+        """Another's frame goes out as it came in."""
+        if len(self._waiting) + len(frame) > MAX_OUTGOING_BYTES:
             self.flush()
-        self._waiting += packed
+        self._waiting += frame
 
     def flush(self) -> None:
         if self._waiting:

@@ -53,7 +53,7 @@ def test_beyond_its_capacity_it_knows_the_newest_samples_only(samples, step):
     for start in range(0, 700, step):
         ring.partial_fit(X[start : start + step], y[start : start + step])
     newest = KNNRegressor(n_neighbors=5).fit(X[-200:], y[-200:])
-    assert ring.n_samples_ == 200
+    assert ring.memory_.n_kept == 200
     assert_allclose(ring.predict(X[:100]), newest.predict(X[:100]))
 
 

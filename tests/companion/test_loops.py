@@ -77,6 +77,7 @@ class NotedVehicle:
     def __init__(self, clock):
         self._clock = clock
         self.told = []
+        self.said = []
 
     def telemetry(self):
         return Telemetry(stamp_ns=stamp_ns(self._clock.now_s()))
@@ -85,12 +86,16 @@ class NotedVehicle:
         assert setpoint == Setpoint(stamp_ns=setpoint.stamp_ns)  # stands still
         self.told.append("stop")
 
+    async def say(self, event):
+        self.said.append(event.text)
+
     async def hold(self):
         self.told.append("hold")
 
 
 class Watched(NamedTuple):
     told: list[str]
+    said: list[str]
     events: list[Event]
     ended_s: float
 
@@ -109,7 +114,7 @@ def watch_silence(tmp_path):
             with pytest.raises(VehicleError, match=r"no new frame for 5\.\d s: landing"):
                 asyncio.run(watch(rig, log, Heartbeat(0.0), settings))
         events = list(FlightLog(tmp_path / "log.mcap").read("/event", Event))
-        return Watched(vehicle.told, events, clock.now_s())
+        return Watched(vehicle.told, vehicle.said, events, clock.now_s())
 
     return run
 
@@ -120,4 +125,7 @@ def test_silence_stops_then_holds_once_then_lands(watch_silence):
     assert watched.told.count("hold") == 1
     assert set(watched.told[:-1]) == {"stop"}
     assert 14 <= watched.told.count("stop") <= 16  # ten times a second from 0.5 to 2 s
-    assert [event.text.rpartition(": ")[2] for event in watched.events] == ["stop", "hold", "land"]
+    assert watched.said == [event.text for event in watched.events]
+    named, *reactions = watched.said
+    assert named == "camera: no frames; stopping (for 0.4 s)"
+    assert [text.rpartition(": ")[2] for text in reactions] == ["stop", "hold", "land"]

@@ -65,11 +65,19 @@ def test_far_from_all_samples_the_spread_is_wider(planted, name):
     assert far > 1.2 * near
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_restored_model_predicts_and_learns_on_to_the_bit(planted, name):
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        *((name, RegressorSettings(seed=7)) for name in NAMES),
+        *((name, RegressorSettings(seed=7, capacity=60, keep="mixed")) for name in ("knn", "mlp")),
+    ],
+)
+def test_a_restored_model_predicts_and_learns_on_to_the_bit(planted, name, settings):
     X, y = planted
-    original = taught(name, X[:200], y[:200])
-    restored = make(name, RegressorSettings(seed=7)).restore(original.state())
+    original = make(name, settings)
+    for row in range(0, 200, 5):
+        original.partial_fit(X[row : row + 5], y[row : row + 5])
+    restored = make(name, settings).restore(original.state())
     for model in (original, restored):
         model.partial_fit(X[200:210], y[200:210])
     for one, other in zip(

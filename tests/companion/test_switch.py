@@ -5,15 +5,20 @@ import math
 import numpy as np
 import pytest
 
-from companion.kernel.messages import Cue, Percept, Phase
+from companion.kernel.messages import Availability, Cue, Percept, Phase, TrustStatus
 from companion.switch import ExperimentSettings, Switch, Thresholds
 
 THRESHOLDS = Thresholds(stereo_px=4.0, mono_px=3.5, override_px=5.0)
 
 
-def percept(stereo_px, mono_px):
+def percept(stereo_px, mono_px, mono_std_px=0.0, mono_novelty=math.nan):
     return Percept(
-        stamp_ns=0, stereo_px=stereo_px, stereo_valid_norm=1.0, mono_px=mono_px, mono_std_px=0.0
+        stamp_ns=0,
+        stereo_px=stereo_px,
+        stereo_valid_norm=1.0,
+        mono_px=mono_px,
+        mono_std_px=mono_std_px,
+        mono_novelty=mono_novelty,
     )
 
 
@@ -95,3 +100,68 @@ def test_without_test_override_mono_is_alone_once_learning_is_over():
 
 def test_without_test_override_pure_stereo_still_flies_on_stereo():
     assert choose(make("pure_stereo", test_override=False), 9.0, 1.0).cue is Cue.STEREO
+
+
+@pytest.mark.parametrize("trust", TrustStatus)
+def test_auto_flies_on_mono_only_while_it_is_trusted(trust):
+    switch = make("auto")
+    phase = switch.settings.phase_at(10.0, trust)
+    trusted = trust is TrustStatus.TRUSTED
+    assert (phase is Phase.TEST) == trusted
+    assert choose(switch, 1.0, 1.0, phase).cue is (Cue.MONO if trusted else Cue.STEREO)
+    assert choose(switch, 9.0, 1.0, phase).override == trusted
+
+
+def test_auto_ends_when_the_durations_have_passed_whatever_its_trust():
+    experiment = ExperimentSettings(scheme="auto", initial_s=1, learning_s=2, test_s=3)
+    for trust in TrustStatus:
+        assert experiment.phase_at(5.9, trust) is not Phase.DONE
+        assert experiment.phase_at(6.0, trust) is Phase.DONE
+
+
+def test_auto_can_be_told_to_do_without_stereo_after_a_time():
+    experiment = ExperimentSettings(scheme="auto", initial_s=1, learning_s=2, test_override=False)
+    assert [experiment.stereo_is_over(t) for t in (0.0, 2.9, 3.0)] == [False, False, True]
+    paper = ExperimentSettings(initial_s=1, learning_s=2, test_override=False)
+    assert not paper.stereo_is_over(9.0)
+
+
+@pytest.mark.parametrize("scheme", ["pure_stereo", "training_wheels", "auto"])
+@pytest.mark.parametrize("trust", TrustStatus)
+@pytest.mark.parametrize("eyes", [(True, True), (True, False), (False, True), (False, False)])
+def test_without_stereo_only_an_eye_whose_estimate_is_trusted_flies(scheme, trust, eyes):
+    available = Availability(False, *eyes)
+    choice = make(scheme).choose(percept(9.0, 1.0), Phase.TEST, THRESHOLDS, True, available, trust)
+    if trust is TrustStatus.TRUSTED and any(eyes):
+        assert (choice.cue, choice.override, choice.blocked) == (Cue.MONO, False, False)
+    else:
+        assert (choice.cue, choice.override, choice.blocked) == (Cue.NONE, False, None)
+
+
+def test_caution_adds_the_spread_of_the_estimate():
+    cautious = THRESHOLDS._replace(caution_std=2.0)
+    switch = make("training_wheels")
+    for std_px, blocked in ((0.2, False), (0.6, True)):
+        seen = percept(1.0, 2.5, std_px)
+        assert switch.choose(seen, Phase.TEST, cautious, True).blocked is blocked
+    assert not switch.choose(percept(9.0, 2.5, 0.6), Phase.TEST, cautious, True).override
+
+
+def test_what_is_too_novel_counts_as_blocked():
+    wary = THRESHOLDS._replace(novelty=1.5)
+    switch = make("training_wheels")
+    for novelty, blocked in ((1.4, False), (1.6, True), (math.nan, False)):
+        seen = percept(1.0, 1.0, mono_novelty=novelty)
+        assert switch.choose(seen, Phase.TEST, wary, True).blocked is blocked
+
+
+def test_fused_flies_on_both_cues_after_the_initial_phase():
+    switch = make("fused")
+    seen = Percept(
+        stamp_ns=0, stereo_px=4.5, stereo_valid_norm=0.5, mono_px=1.0, mono_std_px=0.5,
+        fused_px=3.0, fused_std_px=0.3,
+    )  # fmt: skip
+    wanted = {Phase.INITIAL: (Cue.STEREO, True), Phase.TEST: (Cue.FUSED, False)}
+    for phase, (cue, blocked) in wanted.items():
+        choice = switch.choose(seen, phase, THRESHOLDS, True)
+        assert (choice.cue, choice.blocked, choice.override) == (cue, blocked, False)

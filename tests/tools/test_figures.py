@@ -14,7 +14,8 @@ from companion.modelfile import load_dictionary
 from companion.plan import Plan
 from sitl.arena.room import load_room
 from tools import flightpath, heatmap, look, risk, roc, table2, textons
-from tools.assessment import assess
+from tools.agreement import Expectation, agreement
+from tools.assessment import Figure, assess
 from tools.flown import ROOMS, FlownFlight, find_logs
 
 ROTATE = BehaviourState.ROTATE
@@ -116,12 +117,35 @@ def test_risk_of_many_flights_adds_them_up(invent, story, moment, tmp_path, caps
         invent([*before, *story, override], name=name)
     invent([moment()] * 5, name="c")  # without positives nothing is known
     assert risk.main([str(tmp_path / "logs"), "--json", str(tmp_path / "risk.json")]) == 0
-    *_, all_flights = capsys.readouterr().out.splitlines()
-    assert all_flights.split()[-1] == "2"
+    *_, all_flights, ratios = capsys.readouterr().out.splitlines()
+    assert all_flights.split()[-1] == "2.0"
     reports = json.loads((tmp_path / "risk.json").read_text())
     assert [report["flight"] for report in reports] == ["a", "b", "c"]
     expected = sum(report["from_test"]["override"]["value"] or 0.0 for report in reports)
-    assert float(all_flights.split()[-2]) == pytest.approx(expected, rel=0.05)
+    assert float(all_flights.split()[-2]) == pytest.approx(expected, abs=0.05)
+    assert ratios.startswith("observed / expected")
+
+
+def test_the_model_agrees_with_flights_drawn_from_it():
+    rng = np.random.default_rng(2)
+    rate = rng.uniform(2.0, 20.0, 60)
+    flights = [
+        Expectation("", Figure(mean, mean, mean), Figure(mean / 2, 0.0, mean), count)
+        for mean, count in zip(rate, rng.poisson(rate), strict=True)
+    ]
+    unknown = Expectation("", *(Figure(math.nan, math.nan, math.nan),) * 2, 7.0)
+    found = agreement([*flights, unknown], rng)
+    assert found.flights == 60
+    assert found.ratio_learning.low < 1.0 < found.ratio_learning.high
+    assert found.ratio_test.value == pytest.approx(2 * found.ratio_learning.value)
+    assert found.ratio_test.low > 1.5
+
+
+def test_a_model_that_expects_nothing_has_no_ratio():
+    nothing = Figure(0.0, 0.0, 0.0)
+    found = agreement([Expectation("", nothing, nothing, 0.0)], np.random.default_rng(1))
+    assert math.isnan(found.ratio_learning.value)
+    assert agreement([], np.random.default_rng(1)).flights == 0
 
 
 def test_table_2_is_the_same_from_summary_and_log(real_flight):

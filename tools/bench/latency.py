@@ -75,10 +75,11 @@ class TimedCamera:
     def calibration(self) -> StereoCalibration:
         return self._camera.calibration
 
-    def expose(self) -> StereoFrame:
+    def expose(self) -> StereoFrame | None:
         began_s = wall_s()
         frame = self._camera.expose()
-        self.exposures[frame.stamp_ns] = began_s
+        if frame is not None:
+            self.exposures[frame.stamp_ns] = began_s
         return frame
 
 

@@ -5,7 +5,6 @@ import tempfile
 import threading
 from pathlib import Path
 
-import cv2
 from distributed import get_worker
 
 from companion import __version__
@@ -29,7 +28,6 @@ def fly_one(flight: PlannedFlight) -> Landed:
     Rooms are painted and kernels loaded once per worker: flights find them by the path of their
     files, which is the same for the same bytes.
     """
-    cv2.setNumThreads(1)  # as the app does
     base = Path(get_worker().local_directory)
     folder = _lay_out(flight, base)
     with tempfile.TemporaryDirectory(dir=base) as log_dir:

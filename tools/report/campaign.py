@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 from companion.kernel.errors import CompanionError, RecordingError
 from companion.summary import Summary, format_figure
 from tools import heatmap, roc
+from tools.drawing import PALETTE
 from tools.report.figures import finish_roc
 from tools.report.flight import ReportedFlight
+from tools.report.model import add_model
 from tools.report.page import Page, paragraph, table
-
-PALETTE = ("#0072b2", "#009e73", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9")
 
 MEASURES: dict[str, Callable[[Summary], float]] = {
     "overrides": lambda summary: summary.overrides,
@@ -49,6 +49,7 @@ def campaign_page(flights: Flights, unreadable: Sequence[str], page: Page) -> No
         except CompanionError as error:
             body = paragraph(f"not shown: {error}", "quiet")
         page.add(section.title, body)
+    add_model(groups, page)
     page.add("Flights", _rows(flights))
     if unreadable:
         page.add("Not shown", *(paragraph(line, "problem") for line in unreadable))

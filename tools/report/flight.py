@@ -10,11 +10,12 @@ import numpy as np
 from companion.flightlog import Topic
 from companion.flightlog.schema import nan_restorer
 from companion.kernel.errors import RecordingError
-from companion.kernel.messages import MocapPose, Phase
+from companion.kernel.messages import MocapPose, Phase, TrustStatus
 from companion.logfolder import LOG_NAME, SUMMARY_NAME
 from companion.scorecard import Scorecard
 from companion.summary import FlightFacts, PhaseSummary, Summary, summarise
 from companion.switch import Thresholds
+from companion.trust import TrustHistory
 from companion.truth import TruthCounter
 from tools.flown import FlownFlight
 
@@ -30,6 +31,15 @@ class ReportedFlight(FlownFlight):
     def __init__(self, path: Path, room: Path | None = None) -> None:
         super().__init__(path)
         self.room = self.load_room(room) if room or self.has_shipped_room else None
+
+    @property
+    def trust_history(self) -> TrustHistory:
+        """Of each frame; logs that are older than it say nothing."""
+        history = TrustHistory()
+        statuses = self.decision.get("trust", np.array([], dtype=str))
+        for stamp_ns, status in zip(self.decision["stamp_ns"], statuses, strict=False):
+            history.note(int(stamp_ns), TrustStatus(status))
+        return history
 
     @cached_property
     def summary(self) -> Summary:
@@ -85,7 +95,7 @@ class ReportedFlight(FlownFlight):
             self.plan.behaviour.override_threshold_px,
         )
         learned = left.samples_learned if left else 0
-        counted = _Counted(self.scorecard, thresholds, learned)
+        counted = _Counted(self.scorecard, thresholds, learned, self.trust_history)
         return summarise(self.plan, left.plan if left else self.name, counted, facts)
 
 
@@ -95,6 +105,7 @@ class _Counted(NamedTuple):
     scorecard: Scorecard
     thresholds: Thresholds
     samples_learned: int
+    trust_history: TrustHistory
 
 
 class Override(NamedTuple):

@@ -131,6 +131,7 @@ def test_many_flights_share_a_page(flown_dir, tmp_path):
     text = text_of(tmp_path / "many" / "report.html")
     assert "room1, training_wheels 2 of 2" in text
     assert "Heat map, room1" in text
+    assert "Performance model Overrides in the test phase" in text
     assert (tmp_path / "many" / "figures" / "heatmap-room1.png").stat().st_size > 5000
     assert re.search(r"Not shown \S*broken.mcap: not a flight log", text)
 
