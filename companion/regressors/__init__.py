@@ -29,7 +29,7 @@ MLP_CAPACITY = 20_000
 """Samples that a network replays: enough for a flight, and 10 MB of gradients."""
 CNN_CAPACITY = 10_000
 """Shrunk images that a convolutional network replays: 30 MB."""
-BLEND_ALPHA, BLEND_REFRESH = 600.0, 0.04
+BLEND_ALPHA, BLEND_REFRESH = 600.0, 0.02
 """Strong penalty: many features, neighbouring frames alike. Solving for each would take 1 ms."""
 BLEND_BALANCE = 0.5
 """Near frames are few and matter most; balanced fully, the many would be estimated poorly."""
