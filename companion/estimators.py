@@ -253,6 +253,15 @@ class MapEstimator:
         return described(self._extractor.cells(seen.image))
 
 
+def make_estimator(
+    settings: LearnerSettings, extractor: Extractor, rng: np.random.Generator
+) -> Estimator:
+    """Of the output that the plan asks for."""
+    if settings.output == "map":
+        return MapEstimator(settings, extractor, rng)
+    return ScalarEstimator(settings, rng)
+
+
 def described(cells: Features) -> Features:
     """What the ridge sees of each cell: itself, its neighbourhood, the image, and its place.
 

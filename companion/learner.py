@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from companion.estimators import (
     Arrays,
     Estimate,
-    Estimator,
-    MapEstimator,
     MapOf,
-    ScalarEstimator,
     Seen,
+    make_estimator,
     part,
     whole,
 )
@@ -96,7 +94,7 @@ class Learner:
         self._extractor = _extractor(settings, rng)
         if dictionary is not None:
             self._extractor.adopt(dictionary)
-        self._estimator = _estimator(settings, self._extractor, rng.spawn(1)[0])
+        self._estimator = make_estimator(settings, self._extractor, rng.spawn(1)[0])
         self._novelty = Novelty()
         self._observed: Seen | None = None
         self._waiting: deque[_Lesson] = deque()
@@ -253,14 +251,6 @@ def _extractor(settings: LearnerSettings, rng: np.random.Generator) -> Extractor
         return ViewFeatures(kind)
     of_textons = EntropyFeatures if kind == "entropy" else TextonFeatures
     return of_textons(settings.textons, settings.entropy_scale, rng)
-
-
-def _estimator(
-    settings: LearnerSettings, extractor: Extractor, rng: np.random.Generator
-) -> Estimator:
-    if settings.output == "map":
-        return MapEstimator(settings, extractor, rng)
-    return ScalarEstimator(settings, rng)
 
 
 def dictionary_of(state: LearnerState) -> TextonDictionary | None:

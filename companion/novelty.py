@@ -2,17 +2,15 @@
 
 It is the distance to the nearest of some remembered frames, in units of what that distance is
 among the remembered frames themselves when those of the same few seconds are left out: below 1
-the frame looks like the place where the learner learned, well above 1 it has not been there.
+the frame looks like the place where the learner learned, above 1 it has not been there. Features
+count in units of their spread there, so that what hardly varies counts for more.
 """
 
 import math
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
-
-from companion.kernel.fastmath import FASTMATH
 
 Floats32 = NDArray[np.float32]
 Arrays = dict[str, NDArray[np.generic]]
@@ -21,103 +19,104 @@ CAPACITY = 512
 """Frames remembered, evenly over all that were learned from."""
 APART_FRAMES = 64
 """Frames nearer to each other in time show the same view, and tell nothing of the place."""
-LEAST_PAIRED = 32
-"""Frames that need a partner of another time before there is a unit."""
-USUAL_NORM = 0.99
+LEAST_REMEMBERED = 96
+"""Before, there is nothing to compare with."""
+GROWTH = 1.25
+"""The memory is measured anew whenever it has grown by this."""
+USUAL_NORM = 0.9
 """Share of the remembered frames whose own novelty is below 1."""
+LEAST_SPREAD = 0.1
+"""Of the mean spread, added to all: few frames do not tell what never varies."""
+
+
+class Measured(NamedTuple):
+    """Remembered frames, (n, n_features), less ``mean`` and times ``scale``; how far apart."""
+
+    rows: Floats32
+    mean: Floats32
+    scale: Floats32
+    unit: float
+
+    def distance_to(self, features: Floats32) -> float:
+        """From the nearest remembered frame."""
+        apart = self.rows - (features - self.mean) * self.scale
+        return math.sqrt(float(np.einsum("ij,ij->i", apart, apart).min()))
 
 
 class Novelty:
-    """A thinned memory of features, and the distances within it."""
+    """A thinned memory of features, measured now and then."""
 
     def __init__(self) -> None:
-        self._rows: Floats32 = np.empty((0, CAPACITY), dtype=np.float32)
-        """(n_features, CAPACITY): frames side by side, so that distances fill vector registers."""
-        self._times = np.empty(0, dtype=np.int64)
-        self._nearest_apart: Floats32 = np.empty(0, dtype=np.float32)
+        self._rows: list[Floats32] = []
+        self._times: list[int] = []
         self._n_learned = 0
         self._stride = 1
-        self._unit = math.nan
+        self._n_measured = 0
+        self._measured: Measured | None = None
 
     def of(self, features: Floats32) -> float:
         """Of a frame with ``features`` (n_features,); NaN until there is a unit."""
-        if math.isnan(self._unit):
+        if self._measured is None or not self._measured.unit > 0.0:
             return math.nan
-        return math.sqrt(float(self._squared_to(features).min())) / self._unit
+        return self._measured.distance_to(features) / self._measured.unit
 
     def learn(self, features: Floats32) -> None:
         """Counts a frame in, and remembers every so many."""
         if self._n_learned % self._stride == 0:
             if len(self._times) == CAPACITY:
                 self._thin()
-            self._remember(features, self._n_learned)
-            self._measure_unit()
+            self._rows.append(np.array(features, dtype=np.float32))
+            self._times.append(self._n_learned)
+            if len(self._times) >= max(LEAST_REMEMBERED, GROWTH * self._n_measured):
+                self._measure(len(self._times))
         self._n_learned += 1
 
     def state(self) -> Arrays:
         """The memory, oldest first: ``rows`` (n, n_features), and when each was learned."""
-        if not len(self._times):
+        if not self._times:
             return {}
-        counts = np.array([self._n_learned, self._stride], dtype=np.int64)
-        rows = self._rows[:, : len(self._times)].T.copy()
-        return {"rows": rows, "times": self._times.copy(), "counts": counts}
+        counts = [self._n_learned, self._stride, self._n_measured]
+        return {
+            "rows": np.array(self._rows),
+            "times": np.array(self._times, dtype=np.int64),
+            "counts": np.array(counts, dtype=np.int64),
+        }
 
     @classmethod
     def restored(cls, state: Arrays) -> Self:
-        """Takes up where ``state`` was taken; starts anew where it is empty.
-
-        Raises ValueError for a stride that leads nowhere.
-        """
+        """Takes up where ``state`` was taken; starts anew where it is empty."""
         novelty = cls()
         if state:
-            counts = np.asarray(state["counts"], dtype=np.int64)
-            novelty._n_learned, novelty._stride = int(counts[0]), int(counts[1])
-            if novelty._stride < 1:
-                raise ValueError(f"a stride of {novelty._stride} frames")
-            rows = np.asarray(state["rows"], dtype=np.float32)
-            for row, time in zip(rows, np.asarray(state["times"], dtype=np.int64), strict=True):
-                novelty._remember(row, int(time))
-            novelty._measure_unit()
+            novelty._rows = list(np.asarray(state["rows"], dtype=np.float32))
+            novelty._times = [int(time) for time in np.asarray(state["times"], dtype=np.int64)]
+            counts = (int(count) for count in np.asarray(state["counts"], dtype=np.int64))
+            novelty._n_learned, novelty._stride, n_measured = counts
+            if n_measured:
+                novelty._measure(n_measured)
         return novelty
-
-    def _remember(self, features: Floats32, time: int) -> None:
-        if not len(self._times):
-            self._rows = np.zeros((len(features), CAPACITY), dtype=np.float32)
-        squared = self._squared_to(features)
-        squared[time - self._times < APART_FRAMES] = np.inf
-        self._nearest_apart = np.append(
-            np.minimum(self._nearest_apart, squared), squared.min(initial=np.inf)
-        )
-        self._rows[:, len(self._times)] = features
-        self._times = np.append(self._times, time)
 
     def _thin(self) -> None:
         """Forgets every other frame."""
-        rows, times = self._rows[:, ::2].T.copy(), self._times[::2]
-        self._times, self._nearest_apart = self._times[:0], self._nearest_apart[:0]
+        self._rows, self._times = self._rows[::2], self._times[::2]
         self._stride *= 2
-        for row, time in zip(rows, times, strict=True):
-            self._remember(row, int(time))
+        self._measure(len(self._times))
 
-    def _measure_unit(self) -> None:
-        paired = self._nearest_apart[np.isfinite(self._nearest_apart)]
-        if len(paired) >= LEAST_PAIRED:
-            place = min(int(USUAL_NORM * len(paired)), len(paired) - 1)
-            self._unit = math.sqrt(float(np.partition(paired, place)[place])) or math.nan
-
-    def _squared_to(self, features: Floats32) -> Floats32:
-        """Squared distance to each remembered frame, (n,)."""
-        squared = np.empty(len(self._times), dtype=np.float32)
-        _squared(self._rows, np.ascontiguousarray(features), squared)
-        return squared
+    def _measure(self, n_frames: int) -> None:
+        """By the oldest ``n_frames`` of the memory."""
+        rows = np.array(self._rows[:n_frames])
+        mean, spread = rows.mean(axis=0), rows.std(axis=0)
+        scale = 1.0 / (spread + LEAST_SPREAD * spread.mean() + 1e-9)
+        scaled = (rows - mean) * scale
+        unit = _usual_distance(scaled, np.array(self._times[:n_frames]))
+        self._measured = Measured(scaled, mean, scale, unit)
+        self._n_measured = n_frames
 
 
-# The signature is given so that it is compiled, or read from the cache, before take-off.
-@njit("void(f4[:,::1], f4[::1], f4[::1])", cache=True, nogil=True, fastmath=FASTMATH)
-def _squared(rows, query, squared):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
-    squared[:] = 0.0
-    for feature in range(len(rows)):
-        value = query[feature]
-        for place in range(len(squared)):
-            difference = rows[feature, place] - value
-            squared[place] += difference * difference
+def _usual_distance(rows: Floats32, times: NDArray[np.int64]) -> float:
+    """That USUAL_NORM of the rows have to the nearest row of another time; NaN without any."""
+    lengths = (rows**2).sum(axis=1)
+    squared = lengths[:, np.newaxis] + lengths - 2.0 * rows @ rows.T
+    squared[np.abs(times[:, np.newaxis] - times) < APART_FRAMES] = np.inf
+    nearest = squared.min(axis=1)
+    paired = nearest[np.isfinite(nearest)]
+    return math.sqrt(max(float(np.quantile(paired, USUAL_NORM)), 0.0)) if len(paired) else math.nan

@@ -139,7 +139,7 @@ class Percept(msgspec.Struct, frozen=True, kw_only=True):
     mono_std_px: float
     """As its errors so far have shown it, not as the learner states it."""
     mono_novelty: float = NAN
-    """How unlike all that was learned from the frame is: below 1 for 99 % of the frames of the
+    """How unlike all that was learned from the frame is: below 1 for most frames of the
     place that was learned, well above 1 elsewhere, or where one eye is covered."""
     fused_px: float = NAN
     """Both cues weighed by their variances, or the one that is known."""

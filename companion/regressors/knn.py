@@ -6,9 +6,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 
 from companion.regressors.base import Arrays, Floats
+from companion.regressors.checks import checked, checked_samples
 from companion.regressors.neighbours import Neighbours
 from companion.regressors.slots import Keep, SlotMemory, Slots
 
@@ -50,13 +51,13 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Forgets all, then learns ``X`` (n, n_features) and ``y`` (n,)."""
-        X, y = self._validated(X, y, reset=True)
+        X, y = checked(self, X, y, np.float32, reset=True)
         return self._start(X.shape[1])._append(X, y)
 
     def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Adds samples."""
         first = not hasattr(self, "neighbours_")
-        X, y = self._validated(X, y, reset=first)
+        X, y = checked(self, X, y, np.float32, reset=first)
         if first:
             self._start(X.shape[1])
         return self._append(X, y)
@@ -69,8 +70,7 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         """See KNNModel.predict. Raises NotFittedError before the first sample."""
         if not hasattr(self, "neighbours_"):
             check_is_fitted(self)
-        if not self._is_plain(X):
-            X = validate_data(self, X, dtype=np.float32, order="C", reset=False)
+        X = checked_samples(self, X, np.float32)
         model = KNNModel(self.neighbours_, self.targets_, self.memory_.n_kept, self.n_neighbors)
         return model.predict(X, return_std=True) if return_std else model.predict(X)
 
@@ -99,42 +99,11 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         """Takes up where ``state`` was taken; the newest samples where not all fit."""
         if not state:
             return self
-        X, y = self._validated(state["X"], state["y"], reset=True)
+        X, y = checked(self, state["X"], state["y"], np.float32, reset=True)
         n_seen = int(np.asarray(state.get("n_seen", len(y)), dtype=np.int64))
         X, y = X[-self.capacity :], y[-self.capacity :]
         self._start(X.shape[1])
         return self._put(X, y, self.memory_.restore(max(n_seen, len(y)), len(y)))
-
-    def _validated(
-        self, X: ArrayLike, y: ArrayLike, *, reset: bool
-    ) -> tuple[NDArray[np.float32], Floats]:
-        if not reset and self._is_plain(X) and self._are_plain_targets(y):
-            return X, y  # type: ignore[return-value]  # just checked
-        samples, targets = validate_data(
-            self, X, y, dtype=np.float32, order="C", y_numeric=True, reset=reset
-        )
-        return np.require(samples, None, "W"), np.ascontiguousarray(targets, dtype=np.float64)
-
-    def _is_plain(self, X: ArrayLike) -> bool:
-        """True for what flies: scikit-learn's own check would cost more than the search."""
-        return (
-            type(X) is np.ndarray
-            and X.dtype == np.float32
-            and X.ndim == 2
-            and X.flags.c_contiguous
-            and X.shape[1] == self.n_features_in_
-            and X.shape[0] > 0
-            and bool(np.isfinite(X).all())
-        )
-
-    @staticmethod
-    def _are_plain_targets(y: ArrayLike) -> bool:
-        return (
-            type(y) is np.ndarray
-            and y.dtype == np.float64
-            and y.shape == (1,)
-            and bool(np.isfinite(y).all())
-        )
 
     def _start(self, n_features: int) -> Self:
         self.neighbours_ = Neighbours(n_features)
@@ -153,7 +122,7 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
 
     def _put(self, X: NDArray[np.float32], y: Floats, slots: Slots) -> Self:
         self._grow(self.memory_.n_kept)
-        self.neighbours_.put(X, slots)
+        self.neighbours_.put(np.require(X, None, "W"), slots)
         self.targets_[slots] = y
         return self
 

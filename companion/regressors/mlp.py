@@ -12,9 +12,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 
 from companion.regressors.base import Arrays, Floats
+from companion.regressors.checks import checked, checked_samples
 from companion.regressors.network import Network, Tensor
 from companion.regressors.scaling import RunningScale
 from companion.regressors.slots import Keep, SlotMemory, Slots
@@ -54,10 +55,8 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Forgets all, then learns ``X`` (n, n_features) and ``y`` (n,) until it settles."""
-        samples, targets = validate_data(
-            self, X, y, dtype=np.float32, order="C", y_numeric=True, reset=True
-        )
-        self._start()._remember(samples, np.asarray(targets, dtype=np.float64))
+        samples, targets = checked(self, X, y, np.float32, reset=True)
+        self._start()._remember(samples, targets)
         for _ in range(max(300, 2 * len(targets) // self.batch)):
             self._train(1)
         return self
@@ -65,12 +64,9 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
     def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Remembers the samples and takes ``n_steps`` steps."""
         first = not hasattr(self, "network_")
-        samples, targets = validate_data(
-            self, X, y, dtype=np.float32, order="C", y_numeric=True, reset=first
-        )
+        samples, targets = checked(self, X, y, np.float32, reset=first)
         if first:
             self._start()
-        targets = np.asarray(targets, dtype=np.float64)
         if not first:
             self._note_error(samples[0], float(targets[0]))
         self._remember(samples, targets)
@@ -84,7 +80,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
     def predict(self, X: ArrayLike, return_std: bool = False) -> Floats | tuple[Floats, Floats]:
         """Mean (n,); spread: the networks' disagreement and the usual error of new samples."""
         check_is_fitted(self)
-        samples = validate_data(self, X, dtype=np.float32, order="C", reset=False)
+        samples = checked_samples(self, X, np.float32)
         answers = self.network_.answer(self.inputs_.apply(samples))
         mean = answers.mean(axis=0) * self.outputs_.scale[0] + self.outputs_.mean[0]
         if not return_std:

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
 from sklearn.base import BaseEstimator, RegressorMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 
 from companion.regressors.base import Arrays, Floats
+from companion.regressors.checks import checked, checked_samples
 from companion.regressors.scaling import Rarity
 
 
@@ -41,7 +42,7 @@ class RidgeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sk
     def predict(self, X: ArrayLike, return_std: bool = False) -> Floats | tuple[Floats, Floats]:
         """Mean (n,); spread: of the residuals, and of the weights far from what was seen."""
         check_is_fitted(self)
-        samples = validate_data(self, X, dtype=np.float64, reset=False)
+        samples = checked_samples(self, X, np.float64)
         centred = (samples - self.mean_) / self.scale_
         mean = centred @ self.weights_ + self.target_mean_
         if not return_std:
@@ -79,7 +80,7 @@ class RidgeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sk
         return self
 
     def _learn(self, X: ArrayLike, y: ArrayLike, *, reset: bool) -> Self:
-        samples, targets = validate_data(self, X, y, dtype=np.float64, y_numeric=True, reset=reset)
+        samples, targets = checked(self, X, y, np.float64, reset=reset)
         if reset:
             size = self.n_features_in_ + 2
             self.moments_ = np.zeros((size, size))

@@ -13,6 +13,7 @@ from companion.kernel.messages import StereoFrame
 from companion.learn import run_prequential, run_train_test
 from companion.learner import Learner
 from companion.learner_settings import LearnerSettings
+from companion.learning_report import auc_of_error, coverage_of
 from companion.modelfile import save_model
 from companion.stereo import StereoSettings
 from companion.textons import TextonSettings
@@ -77,6 +78,36 @@ def test_the_report_counts_its_frames(tested):
     assert tested.positive_threshold_px == 5.0
     assert tested.threshold_px == 5.0
     assert 0.0 <= tested.fpr < tested.tpr <= 1.0
+
+
+def test_the_report_tells_how_far_to_trust_the_estimate(tested):
+    shares = tested.coverage_0_5, tested.coverage_0_8, tested.coverage_0_95
+    assert list(shares) == sorted(shares)
+    assert tested.coverage_0_5 > 0.2
+    assert tested.auc_of_error > 0.5
+    assert 0.0 < tested.novelty_median < 2.0
+    assert 0.0 <= tested.novel_norm <= 1.0
+    assert tested.map is None
+
+
+def test_maps_are_scored_cell_by_cell():
+    plan = plan_with(preset="best", output="map", smooth_frames=1)
+    report = run_train_test([PaintedWall(120, 1)], [PaintedWall(60, 2)], plan, 5.0)
+    for figures in (report.map.mse_over_variance, report.map.auc, report.map.n_test):
+        assert np.shape(figures) == (6, 8)
+    assert np.max(report.map.n_test) <= 60
+    assert report.map.mse_over_variance_of_all < 0.7
+    assert np.nanmedian(report.map.auc) > 0.8
+
+
+def test_figures_of_an_estimate_with_a_known_error():
+    """Errors of one deviation: 0 % within half of it, all within two."""
+    rng = np.random.default_rng(1)
+    error_px = np.abs(rng.normal(0.0, 1.0, 2000))
+    assert coverage_of(error_px, [1.0] * 2000, 1.96) == pytest.approx(0.95, abs=0.02)
+    assert coverage_of(error_px, list(error_px / 2.0), 1.0) == 0.0
+    assert auc_of_error(error_px, list(error_px)) == 1.0
+    assert auc_of_error(error_px, [1.0] * 2000) == pytest.approx(0.5)
 
 
 def test_prequential_scores_every_frame_that_could_be_predicted():
