@@ -71,7 +71,12 @@ class Approach(NamedTuple):
         return self.rate_hz / self.speed_m_s
 
     def positives_until(self, distance_m: float) -> int:
-        """Samples from the first positive one until the obstacle is this near; at least one."""
+        """Samples from the first positive one until the obstacle is this near; at least one.
+
+        Whoever hovers comes no nearer, and has as many as there are: one is enough to be careful.
+        """
+        if self.speed_m_s == 0.0:
+            return 1
         first_m = self.disparity_metre_px / self.positive_threshold_px
         return max(1, math.floor((first_m - distance_m) / self.speed_m_s * self.rate_hz))
 
