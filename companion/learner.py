@@ -20,6 +20,7 @@ from companion.estimators import (
     Seen,
     make_estimator,
     part,
+    refuse_misfits,
     whole,
 )
 from companion.features import (
@@ -208,7 +209,7 @@ class Learner:
         if not learned:
             return
         like, seen = _one_lesson(self.settings, dictionary)
-        _refuse_misfits(state.arrays, like)
+        refuse_misfits(state.arrays, like)
         self._estimator.restore(learned)
         self._novelty = Novelty.restored(part(state.arrays, "novelty"))
         answer = self._estimator.estimate(seen)
@@ -229,20 +230,6 @@ def _one_lesson(
     map_px = np.ones(image.shape, dtype=np.float32)
     learner.learn(features, 1.0, (lambda: map_px) if settings.output == "map" else None)
     return learner.state().arrays, Seen(features, image)
-
-
-def _refuse_misfits(arrays: Arrays, like: Arrays) -> None:
-    """Names, kinds and shapes must be as in ``like``; only rows may be more.
-
-    Raises KeyError or ValueError.
-    """
-    for name, wanted in like.items():
-        found = arrays[name]
-        rows_differ = wanted.shape[:1] in ((0,), (1,)) and found.shape[1:] == wanted.shape[1:]
-        if found.dtype != wanted.dtype or not (rows_differ or found.shape == wanted.shape):
-            raise ValueError(f"{name} of shape {found.shape} and type {found.dtype}")
-        if found.dtype.kind == "f" and not np.isfinite(found).all():
-            raise ValueError(f"{name} is not finite")
 
 
 def _extractor(settings: LearnerSettings, rng: np.random.Generator) -> Extractor:

@@ -209,3 +209,10 @@ def test_the_scorecard_knows_approaches_and_what_ended_them():
     samples = card.approach_samples((Phase.INITIAL, Phase.LEARNING))
     assert samples.stereo_px.tolist() == [1.0, 1.0, 5.0, 2.0, 3.0, 5.5]
     assert samples.approach.tolist() == [1, 1, 1, 2, 3, 3]
+
+
+def test_a_vehicle_that_hovers_approaches_nothing():
+    hovering = risk.Approach(
+        rate_hz=10.0, speed_m_s=0.0, disparity_metre_px=7.0, positive_threshold_px=4.0
+    )
+    assert hovering.positives_until(1.0) == 1

@@ -72,6 +72,17 @@ async def ended(process):
     return process.returncode, error.decode().splitlines()
 
 
+async def heard_before_it_ends(hearing, process):
+    """Fails with the companion's own words when it ends first."""
+    heard, over = asyncio.ensure_future(hearing), asyncio.ensure_future(process.wait())
+    await asyncio.wait({heard, over}, return_when=asyncio.FIRST_COMPLETED)
+    over.cancel()
+    if not heard.done():
+        heard.cancel()
+        pytest.fail((await process.stderr.read()).decode())
+    heard.result()
+
+
 class Manager:
     """systemd's end of the socket: what it was told, as it comes."""
 
@@ -112,7 +123,7 @@ def test_the_next_companion_takes_over_where_the_last_was_killed(request_of, man
         async with open_sitl(request_of) as child:
             companions = Companions(child.endpoints, tmp_path / "logs")
             first = await companions.start(**environment)
-            await manager.hears("STATUS=test")
+            await heard_before_it_ends(manager.hears("STATUS=test"), first)
             first.send_signal(signal.SIGKILL)
             await first.wait()
             manager.told.clear()
