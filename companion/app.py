@@ -7,7 +7,6 @@ from contextlib import asynccontextmanager, suppress
 from enum import Enum, auto
 
 from companion.flightlog import FlightLogWriter, Topic
-from companion.kernel.clock import wall_s
 from companion.kernel.errors import CompanionError, LinkError, VehicleError
 from companion.kernel.messages import Event, FlightMode, LandedState, Phase, Setpoint, Telemetry
 from companion.kernel.protocols import Rig
@@ -21,8 +20,7 @@ logger = logging.getLogger(__name__)
 LAND_LIMIT_S = 90.0
 """Wall time; longer than any vehicle's own limit of simulated time."""
 LINK_LIMIT_S = 30.0
-"""Wall time for a lost link to come back, so that the vehicle can still be told to land."""
-LINK_PERIOD_S = 0.5
+"""For a lost link to come back, so that the vehicle can still be told to land."""
 PILOT_MODES = (FlightMode.MANUAL, FlightMode.ALTITUDE, FlightMode.POSITION)
 """A human has taken over: nothing is commanded any more."""
 
@@ -148,12 +146,21 @@ class Flight:
             self.truth.record(Phase.DONE)
 
     async def _telemetry_within(self, limit_s: float) -> Telemetry:
-        """Waits for a lost link this long, in wall time. Raises LinkError."""
-        deadline_s = wall_s() + limit_s
-        while wall_s() < deadline_s:
-            with suppress(LinkError):
-                return self.rig.vehicle.telemetry()
-            await self.rig.clock.sleep(LINK_PERIOD_S)
+        """Waits for a lost link this long, by the frames' stamps. Raises LinkError.
+
+        In lockstep it is the frames that let time pass; a camera that is gone as well ends it.
+        """
+        with suppress(LinkError):
+            return self.rig.vehicle.telemetry()
+        began_ns = -1
+        with suppress(CompanionError, TimeoutError):
+            async with asyncio.timeout(max(limit_s, LAND_LIMIT_S)):
+                async for frame in self.rig.camera.frames():
+                    began_ns = frame.stamp_ns if began_ns < 0 else began_ns
+                    if frame.stamp_ns - began_ns >= limit_s * 1e9:
+                        break
+                    with suppress(LinkError):
+                        return self.rig.vehicle.telemetry()
         return self.rig.vehicle.telemetry()
 
     async def _hold_and_land(self) -> None:

@@ -20,7 +20,7 @@ from rich.console import Console
 from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, CompanionError, PlanError
 
 if TYPE_CHECKING:
-    from companion.learn import LearningReport
+    from companion.learning_report import LearningReport
 
 STDERR = 2
 _INTERRUPTED = 130

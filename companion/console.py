@@ -11,7 +11,7 @@ from rich.text import Text
 
 from companion.kernel.clock import wall_s
 from companion.kernel.messages import Cue, Decision
-from companion.learn import LearningReport
+from companion.learning_report import LearningReport
 from companion.pipeline import Pipeline, Step
 from companion.summary import Summary, format_figure, table_rows
 
@@ -105,7 +105,17 @@ def print_learning(console: Console, report: LearningReport) -> None:
         f"True positive rate above {report.threshold_px:.2f} px": format_figure(report.tpr),
         f"False positive rate above {report.threshold_px:.2f} px": format_figure(report.fpr),
         "False positive rate at TPR 0.96": format_figure(report.fpr_at_tpr_0_96),
+        "Errors within 50 / 80 / 95 % intervals": " / ".join(
+            format_figure(share)
+            for share in (report.coverage_0_5, report.coverage_0_8, report.coverage_0_95)
+        ),
+        "Area under the ROC curve of large errors by spread": format_figure(report.auc_of_error),
+        "Novelty, median": format_figure(report.novelty_median),
+        "Frames with a novelty above 1": format_figure(report.novel_norm),
     }
+    if report.map is not None:
+        figure = format_figure(report.map.mse_over_variance_of_all)
+        rows["MSE over variance, all cells of the maps"] = figure
     for name, value in rows.items():
         table.add_row(name, value)
     console.print(table)

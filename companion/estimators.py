@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from companion import gradients, regressors
 from companion.cells import CELLS, COLUMNS, ROWS, cell_labels
+from companion.doubt import Doubt
 from companion.features import OF_VIEWS, Extractor, Features, Grey
 from companion.learner_settings import LearnerSettings, Target
-from companion.regressors import RidgeRegressor
+from companion.regressors import Predictor, RidgeRegressor
 from companion.views import views_of
 
 Arrays = dict[str, NDArray[np.generic]]
@@ -120,11 +121,12 @@ class ScalarEstimator:
         )
         self._regressor = regressors.make(settings.design.regressor, parameters)
         self._scale = Scale(settings.design.target)
+        self._doubt = Doubt()
         self.trained = False
 
     def estimate(self, seen: Seen) -> Estimate:
-        answer = self._regressor.predict(seen.features[np.newaxis], return_std=True)
-        mean_px, std_px = self._scale.in_pixels(*answer)
+        mean, std = self._regressor.predict(seen.features[np.newaxis], return_std=True)
+        mean_px, std_px = self._scale.in_pixels(mean, self._doubt.widen(std))
         return Estimate(float(mean_px[0]), float(std_px[0]))
 
     def learn(self, seen: Seen, disparity_px: float, map_of: MapOf | None) -> bool:
@@ -135,6 +137,8 @@ class ScalarEstimator:
                 samples.append(OF_VIEWS[self._kind](view.view))
                 disparities_px.append(view.disparity_px)
         targets = self._scale.targets(np.array(disparities_px))
+        if self.trained:
+            self._judge(samples[0], float(targets[0]))
         self._regressor.partial_fit(np.stack(samples), targets)
         self._scale.widen(np.array([disparity_px]))
         self.trained = True
@@ -143,12 +147,23 @@ class ScalarEstimator:
     def state(self) -> Arrays:
         if not self.trained:
             return {}
-        return whole(regressor=self._regressor.state(), scale=self._scale.state())
+        return whole(
+            regressor=self._regressor.state(),
+            scale=self._scale.state(),
+            doubt=self._doubt.state(),
+        )
 
     def restore(self, state: Arrays) -> None:
         self.trained = bool(state)
         self._regressor.restore(part(state, "regressor"))
         self._scale.restore(part(state, "scale"))
+        self._doubt.restore(part(state, "doubt"))
+
+    def _judge(self, sample: Features, target: float) -> None:
+        witness = self._doubt.witness(self._regressor)
+        if witness is not None:
+            mean, std = witness.predict(sample[np.newaxis], return_std=True)
+            self._doubt.note(float(mean[0]) - target, float(std[0]))
 
 
 class MapEstimator:
@@ -165,18 +180,15 @@ class MapEstimator:
         self._rng = rng
         self._regressor = RidgeRegressor(alpha=MAP_ALPHA, refresh=MAP_REFRESH)
         self._scale = Scale(settings.design.target)
+        self._doubt = Doubt()
         self._matches = np.zeros((ROWS, COLUMNS))
         """Sum of each cell's shares of matched pixels."""
         self.trained = False
 
     def estimate(self, seen: Seen) -> Estimate:
-        answer = self._regressor.predict(self._described(seen), return_std=True)
-        map_px, std_px = (
-            values.reshape(ROWS, COLUMNS) for values in self._scale.in_pixels(*answer)
-        )
-        weights = self._matches / self._matches.sum()
-        mono_px, mono_std_px = float((weights * map_px).sum()), float((weights * std_px).sum())
-        return Estimate(mono_px, mono_std_px, map_px.astype(np.float32))
+        estimate = self._ask(self._regressor, self._described(seen))
+        widened = float(self._doubt.widen(np.array(estimate.std_px)))
+        return estimate._replace(std_px=widened)
 
     def learn(self, seen: Seen, disparity_px: float, map_of: MapOf | None) -> bool:
         """Only cells that stereo measured teach; False where it measured none."""
@@ -193,6 +205,8 @@ class MapEstimator:
         known = np.isfinite(known_px)
         if not known[:CELLS].any():
             return False
+        if self.trained:
+            self._judge(rows[0], disparity_px)
         self._regressor.partial_fit(
             np.concatenate(rows)[known], self._scale.targets(known_px[known])
         )
@@ -208,14 +222,30 @@ class MapEstimator:
             regressor=self._regressor.state(),
             scale=self._scale.state(),
             cells={"matches": self._matches.copy()},
+            doubt=self._doubt.state(),
         )
 
     def restore(self, state: Arrays) -> None:
         self.trained = bool(state)
         self._regressor.restore(part(state, "regressor"))
         self._scale.restore(part(state, "scale"))
+        self._doubt.restore(part(state, "doubt"))
         if state:
             self._matches = np.array(state["cells.matches"], dtype=np.float64)
+
+    def _ask(self, model: Predictor, cells: Features) -> Estimate:
+        """The model's map, and its mean; spread: the cells' mean, for they err together."""
+        answer = self._scale.in_pixels(*model.predict(cells, return_std=True))
+        map_px, std_px = (values.reshape(ROWS, COLUMNS) for values in answer)
+        weights = self._matches / self._matches.sum()
+        mono_px, mono_std_px = float((weights * map_px).sum()), float((weights * std_px).sum())
+        return Estimate(mono_px, mono_std_px, map_px.astype(np.float32))
+
+    def _judge(self, cells: Features, disparity_px: float) -> None:
+        witness = self._doubt.witness(self._regressor)
+        if witness is not None:
+            answer = self._ask(witness, cells)
+            self._doubt.note(answer.mono_px - disparity_px, answer.std_px)
 
     def _described(self, seen: Seen) -> Features:
         if seen.image is None:

@@ -198,6 +198,7 @@ async def _fly(flight: Flight, record: _Record) -> None:
         facts.wall_s = wall_s() - began_wall_s
         facts.sim_s = flight.flown_s
         facts.frames_dropped = flight.rig.camera.frames_dropped
+        facts.camera_faults = flight.pipeline.health.n_named
         facts.collisions = flight.truth.collisions
         facts.minimum_clearance_m = flight.truth.minimum_clearance_m
         facts.distance_flown_m = flight.truth.distance_flown_m

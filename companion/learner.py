@@ -9,6 +9,7 @@ import math
 from collections import deque
 from typing import NamedTuple, Self
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -195,12 +196,12 @@ class Learner:
                 )
         dictionary = dictionary_of(state)
         try:
-            self._take(state, dictionary)
+            self._adopt(state, dictionary)
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
             raise PlanError(f"saved model does not fit together: {error}") from error
         return self
 
-    def _take(self, state: LearnerState, dictionary: TextonDictionary | None) -> None:
+    def _adopt(self, state: LearnerState, dictionary: TextonDictionary | None) -> None:
         """Raises whatever the arrays' misfit leads to, now rather than at the first image."""
         if dictionary is not None:
             self._extractor.adopt(dictionary)
@@ -221,6 +222,7 @@ def _one_lesson(
     settings: LearnerSettings, dictionary: TextonDictionary | None
 ) -> tuple[Arrays, Seen]:
     """What a learner holds after one empty image, and what it saw."""
+    settings = msgspec.structs.replace(settings, delay_frames=0)
     learner = Learner(settings, np.random.default_rng(0), dictionary)
     image = np.zeros((96, 128), dtype=np.uint8)
     features = learner.observe(image)
@@ -238,7 +240,7 @@ def _refuse_misfits(arrays: Arrays, like: Arrays) -> None:
     """
     for name, wanted in like.items():
         found = arrays[name]
-        rows_differ = wanted.shape[:1] == (1,) and found.shape[1:] == wanted.shape[1:]
+        rows_differ = wanted.shape[:1] in ((0,), (1,)) and found.shape[1:] == wanted.shape[1:]
         if found.dtype != wanted.dtype or not (rows_differ or found.shape == wanted.shape):
             raise ValueError(f"{name} of shape {found.shape} and type {found.dtype}")
         if found.dtype.kind == "f" and not np.isfinite(found).all():

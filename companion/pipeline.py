@@ -182,7 +182,8 @@ class Pipeline:
         goal = self.behaviour.step(
             stamp_ns, choice.blocked, telemetry.yaw_rad, freer_sign, back_rad
         )
-        return with_speed_for(goal, certainty, settings) if settings.speed_by_certainty else goal
+        careful = settings.speed_by_certainty or not self.health.available.stereo
+        return with_speed_for(goal, certainty, settings) if careful else goal
 
     def _command(self, stamp_ns: int, choice: Choice, goal: Goal, telemetry: Telemetry) -> Verdict:
         """The safe setpoint; holds and lands where no cue could be relied on for too long."""

@@ -77,6 +77,8 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     samples_learned: int
     frames: int
     frames_dropped: int
+    camera_faults: int
+    """Times that a fault of an eye, of the pair or of their timing was named."""
     sim_s: float
     """Take-off to landing, on the vehicle's clock."""
     wall_s: float
@@ -91,6 +93,7 @@ class FlightFacts(msgspec.Struct, kw_only=True):
     reason: str = ""
     frames: int = 0
     frames_dropped: int = 0
+    camera_faults: int = 0
     sim_s: float = 0.0
     wall_s: float = 0.0
     collisions: int | None = None
@@ -151,6 +154,7 @@ def summarise(plan: Plan, plan_name: str, counted: Counted, facts: FlightFacts) 
         samples_learned=counted.samples_learned,
         frames=facts.frames,
         frames_dropped=facts.frames_dropped,
+        camera_faults=facts.camera_faults,
         sim_s=facts.sim_s,
         wall_s=facts.wall_s,
         real_time_factor=facts.sim_s / facts.wall_s if facts.wall_s > 0 else math.nan,

@@ -16,7 +16,7 @@ from companion import gradients
 Grey = NDArray[np.uint8]
 Floats32 = NDArray[np.float32]
 
-MOST_ZOOM = 4.0
+MOST_ZOOM = 8.0
 LEAST_VALID_NORM = 0.15
 """A crop with fewer matches has no label."""
 NOISE_LSB = 1.5

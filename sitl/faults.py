@@ -9,7 +9,7 @@ from msgspec import Meta, field
 from companion.kernel.errors import PlanError
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
-from sitl.autopilot.parameters import parameter_problem
+from sitl.autopilot.parameters import change_parameter, default_parameters, parameter_problem
 from sitl.camera_faults import EyeFault, PairFault
 from sitl.conditions import Delay, LinkConditions, Norm
 from sitl.failures import SUPPORTED, Kind, Unit
@@ -77,7 +77,8 @@ def inject(world: "World", faults: Faults) -> float:
     """
     check(faults)
     autopilot, surroundings = world.autopilot, world.surroundings
-    set_parameters(world, faults.parameters)
+    for name, value in faults.parameters.items():
+        autopilot.set_parameter(name, value)
     if faults.wind_ned_m_s is not None:
         surroundings.wind_ned_m_s = faults.wind_ned_m_s
     if faults.gusts_w20_m_s is not None:
@@ -110,17 +111,19 @@ def _impair(link: LinkConditions, faults: Faults) -> None:
     link.settings = msgspec.structs.replace(link.settings, **changes)
 
 
-def check(faults: Faults) -> None:
-    """Raises PlanError for a unit that cannot fail in this way."""
+def check(faults: Faults, where: str = "") -> None:
+    """Raises PlanError for what cannot be; ``where`` is the path of the table, with its dot."""
+    check_parameters(faults.parameters, where)
     for unit, kind in faults.failures.items():
         possible = SUPPORTED[_UNITS[unit]]
         if Kind[kind.upper()] not in possible:
             names = ", ".join(sorted(kind.name.lower() for kind in possible))
-            raise PlanError(f"failures.{unit}: cannot be {kind!r}; allowed: {names}")
+            raise PlanError(f"{where}failures.{unit}: cannot be {kind!r}; allowed: {names}")
 
 
-def set_parameters(world: "World", values: Mapping[str, float]) -> None:
+def check_parameters(values: Mapping[str, float], where: str = "") -> None:
     """Raises PlanError for the first that is unknown or out of range."""
+    scratch = default_parameters()
     for name, value in values.items():
-        if not world.autopilot.set_parameter(name, value):
-            raise PlanError(f"parameters.{name}: {value:g}: {parameter_problem(name)}")
+        if not change_parameter(scratch, name, value):
+            raise PlanError(f"{where}parameters.{name}: {value:g}: {parameter_problem(name)}")

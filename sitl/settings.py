@@ -7,7 +7,6 @@ from msgspec import Meta, field
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
 from sitl.arena.camera import CameraSettings
-from sitl.conditions import LinkSettings
 from sitl.faults import Event, Faults
 from sitl.mavlink.places import Origin
 
@@ -70,5 +69,3 @@ class SitlSettings(Settings, frozen=True):
     estimator: EstimatorSettings = EstimatorSettings()
     battery: BatterySettings = BatterySettings()
     camera: CameraSettings = CameraSettings()
-    link: LinkSettings = LinkSettings()
-    """The companion's, from the start: setpoints and commands one way, telemetry the other."""

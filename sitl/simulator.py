@@ -13,9 +13,9 @@ from companion.kernel.messages import LandedState, MocapPose
 from sitl.airframe import Airframe, AirframeState
 from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
 from sitl.camera_faults import CameraFaults
-from sitl.conditions import LinkConditions, link_rng
+from sitl.conditions import CLEAR, LinkConditions, link_rng
 from sitl.environment.surroundings import Surroundings
-from sitl.faults import check, inject, set_parameters
+from sitl.faults import check, check_parameters, inject
 from sitl.hull import (
     CRASH_SPEED_M_S,
     HULL_RADIUS_M,
@@ -95,7 +95,7 @@ class World:
             np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(CAMERA_FAULTS_STREAM,)))
         )
         self._events = deque(sorted(settings.events, key=lambda event: event.at_s))
-        self.link = LinkConditions(settings.link, link_rng(seed))
+        self.link = LinkConditions(CLEAR, link_rng(seed))
         """Of the companion's link, whatever carries it."""
         self.mocap: deque[MocapPose] = deque(maxlen=_MOCAP_KEPT)
         self._walls, self._floor = ContactCounter(), ContactCounter()
@@ -115,10 +115,13 @@ class World:
 
     def _begin(self, settings: SitlSettings) -> None:
         """What the plan wants from the start; what it wants later is checked now."""
-        set_parameters(self, settings.parameters)
+        check_parameters(settings.parameters, "sitl.")
+        check(settings.faults, "sitl.faults.")
+        for number, event in enumerate(settings.events):
+            check(event, f"sitl.events[{number}].")
+        for name, value in settings.parameters.items():
+            self.autopilot.set_parameter(name, value)
         inject(self, settings.faults)
-        for event in settings.events:
-            check(event)
 
     def whole_steps(self, rate_hz: float, what: str) -> int:
         """Steps of the physics in a period of ``rate_hz``. Raises PlanError unless it is whole."""

@@ -4,6 +4,7 @@ import asyncio
 import logging
 import threading
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -151,7 +152,8 @@ class DeviceStereoCamera:
             failure = error
         finally:
             self._stream.close()
-        self._loop.call_soon_threadsafe(self._fail, failure)
+        with suppress(RuntimeError):  # a loop that has closed meanwhile left this thread behind
+            self._loop.call_soon_threadsafe(self._fail, failure)
 
     def _offer(self, frame: StereoFrame) -> None:
         self.frames_dropped += self._newest is not None

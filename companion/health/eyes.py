@@ -151,8 +151,10 @@ def _contrast(
     telling = other.contrast_lsb > PLAIN_LSB
     n_telling = int(telling.sum())
     weak = telling & (mine.contrast_lsb < FADED_NORM * other.contrast_lsb)
+    if n_telling < LEAST_CELLS or weak.sum() < FADED_CELLS_NORM * n_telling:
+        return None
     ratio = mine.mean_contrast_lsb / other.mean_contrast_lsb
-    if n_telling < LEAST_CELLS or weak.sum() < FADED_CELLS_NORM * n_telling or ratio > FADED_NORM:
+    if ratio > FADED_NORM:
         return None
     return Sign(CameraFault.BLURRED, f"contrast {ratio:.0%} of the other eye's")
 

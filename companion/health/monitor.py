@@ -51,6 +51,8 @@ class CameraHealth:
 
     def __init__(self, settings: HealthSettings, stale_after_s: float = math.inf) -> None:
         """A frame that comes later than ``stale_after_s`` is not flown on."""
+        self.n_named = 0
+        """Faults that were confirmed so far."""
         self._eyes = Eyes()
         self._places = {place: Debounce(settings) for place in PLACES}
         self._clock = FrameClock()
@@ -80,6 +82,11 @@ class CameraHealth:
         return sign is None
 
     @property
+    def available(self) -> Availability:
+        """What may be flown on, but for the age of a frame."""
+        return self._available
+
+    @property
     def faults(self) -> str:
         """Those confirmed, in words; "" for none."""
         return faults_in_words(self._told)
@@ -96,6 +103,9 @@ class CameraHealth:
             self._agreement.learn(percept, self._clock.period_s)
         self._available = Availability(stereo, state.left is None, state.right is None)
         self._told = state
+        self.n_named += sum(
+            now is not None and now is not before for now, before in zip(state, told, strict=True)
+        )
         if (state, self._available) == (told, was):
             return Outlook(self._usable())
         return Outlook(self._usable(), self._events(percept, told, was, trusted), self._record())

@@ -29,8 +29,10 @@ MLP_CAPACITY = 20_000
 """Samples that a network replays: enough for a flight, and 10 MB of gradients."""
 CNN_CAPACITY = 10_000
 """Shrunk images that a convolutional network replays: 30 MB."""
-BLEND_ALPHA, BLEND_REFRESH = 200.0, 0.02
+BLEND_ALPHA, BLEND_REFRESH = 600.0, 0.02
 """Strong penalty: many features, neighbouring frames alike. Solving for each would take 1 ms."""
+BLEND_BALANCE = 0.5
+"""Near frames are few and matter most; balanced fully, the many would be estimated poorly."""
 
 
 def _networks(settings: RegressorSettings, n_networks: int) -> MLPRegressor:
@@ -41,6 +43,12 @@ def _networks(settings: RegressorSettings, n_networks: int) -> MLPRegressor:
         random_state=settings.seed,
         keep=settings.keep,
     )
+
+
+def _blend(settings: RegressorSettings) -> BlendRegressor:
+    ridge = RidgeRegressor(alpha=BLEND_ALPHA, refresh=BLEND_REFRESH, balance=BLEND_BALANCE)
+    networks = _networks(settings, n_networks=2).set_params(n_steps=1, balance=1.0)
+    return BlendRegressor(ridge, networks)
 
 
 def _convolutional(settings: RegressorSettings) -> Regressor:
@@ -58,9 +66,7 @@ def _convolutional(settings: RegressorSettings) -> Regressor:
 
 
 REGRESSORS: Mapping[str, Callable[[RegressorSettings], Regressor]] = {
-    "blend": lambda settings: BlendRegressor(
-        RidgeRegressor(alpha=BLEND_ALPHA, refresh=BLEND_REFRESH), _networks(settings, n_networks=2)
-    ),
+    "blend": _blend,
     "cnn": _convolutional,
     "gp": lambda settings: GPRegressor(window=min(GPRegressor().window, settings.capacity)),
     "knn": lambda settings: KNNRegressor(

@@ -31,6 +31,8 @@ ERROR_EDGES = np.linspace(-1.5, 2.5, 9)
 """Of the ranges of estimates, in deviations from the mean, whose errors are followed apart."""
 ERROR_RATE = 0.01
 """Least weight of the newest error in its range's running mean."""
+BALANCE = 0.5
+"""Rare targets are drawn more often: see draw_evenly."""
 CHUNK = 64
 """Images answered at once: bounds the memory that many queries take."""
 
@@ -213,7 +215,7 @@ class CNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         for _ in range(n_steps):
             # A generator per step: a restored model goes on as the original would.
             rng = np.random.default_rng([self.random_state, self.n_steps_])
-            chosen = draw_evenly(targets, rng.random(self.batch))
+            chosen = draw_evenly(targets, rng.random(self.batch), BALANCE)
             images = self._tensor(np.stack([self.images_[row] for row in chosen]))
             error = self.network_(images)[:, 0] - torch.from_numpy(wanted[chosen])
             self.optimiser_.zero_grad()

@@ -1,5 +1,6 @@
 """Gaussian process over a window of the newest samples: bounded work however long the flight."""
 
+from copy import copy
 from typing import Literal, Self, overload
 
 import numpy as np
@@ -50,7 +51,7 @@ class GPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sklea
     def snapshot(self) -> Self:
         """The model as it is now; it shares nothing with this one."""
         check_is_fitted(self)
-        return type(self)(**self.get_params()).restore(self.state())
+        return copy(self)  # whatever changes is replaced
 
     def state(self) -> Arrays:
         """The window's samples, oldest first: ``X`` (n, n_features), ``y`` (n,)."""

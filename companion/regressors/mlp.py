@@ -5,6 +5,7 @@ the memory; their mean is the estimate, and where they disagree nothing like it 
 call takes a few steps, so that a frame costs the same at the end of a flight as at its beginning.
 """
 
+from copy import copy, deepcopy
 from typing import Literal, Self, overload
 
 import numpy as np
@@ -38,6 +39,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         batch: int = 32,
         n_steps: int = 2,
         capacity: int = 20_000,
+        balance: float = 0.5,
         random_state: int = 0,
         keep: Keep = "newest",
     ) -> None:
@@ -46,6 +48,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         self.batch = batch
         self.n_steps = n_steps
         self.capacity = capacity
+        self.balance = balance
         self.random_state = random_state
         self.keep = keep
 
@@ -90,11 +93,13 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         return np.asarray(mean, dtype=np.float64), np.sqrt(variance + self.error_)
 
     def snapshot(self) -> Self:
-        """The model as it is now; it shares nothing with this one."""
+        """The model as it is now; it only predicts, and shares nothing that changes."""
         check_is_fitted(self)
-        copy = type(self)(**self.get_params())
-        copy.n_features_in_ = self.n_features_in_
-        return copy.restore({name: values.copy() for name, values in self.state().items()})
+        twin = copy(self)
+        twin.network_, twin.inputs_, twin.outputs_ = deepcopy(
+            (self.network_, self.inputs_, self.outputs_)
+        )
+        return twin
 
     def state(self) -> Arrays:
         """Memory oldest first, scales, weights and the optimiser's moments."""
@@ -171,7 +176,7 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
             # A generator per step: a restored model goes on as the original would.
             rng = np.random.default_rng([self.random_state, self.network_.n_steps])
             draws = rng.random(self.n_networks * self.batch)
-            chosen = draw_evenly(self.targets_[:n_kept], draws)
+            chosen = draw_evenly(self.targets_[:n_kept], draws, self.balance)
             inputs = self.inputs_.apply(self.samples_[chosen].astype(np.float32))
             wanted = self.outputs_.apply(self.targets_[chosen, np.newaxis])[:, 0]
             shape = (self.n_networks, self.batch)
@@ -183,16 +188,16 @@ def _slots_in(state: Arrays) -> Slots | None:
     return np.asarray(state["order"], dtype=np.int64) if "order" in state else None
 
 
-@njit("i8[::1](f8[::1], f8[::1])", cache=True, nogil=True)
-def draw_evenly(targets, draws):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - numba finds the types
-    """Rows for ``draws`` in [0, 1): a row weighs the inverse root of how many are like it."""
+@njit("i8[::1](f8[::1], f8[::1], f8)", cache=True, nogil=True)
+def draw_evenly(targets, draws, balance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - numba finds the types
+    """Rows for ``draws`` in [0, 1): a row weighs the share of rows like it to ``-balance``."""
     least, most = targets.min(), targets.max()
     per_px = (BINS - 1e-6) / max(most - least, 1e-9)
     counts = np.zeros(BINS)
     for target in targets:
         counts[int((target - least) * per_px)] += 1.0
     # As a share of all, with a floor: a single odd sample must not fill every batch.
-    weights = 1.0 / np.sqrt(counts / len(targets) + 0.01)
+    weights = (counts / len(targets) + 0.01) ** -balance
     total = np.empty(len(targets))
     running = 0.0
     for row in range(len(targets)):

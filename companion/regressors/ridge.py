@@ -1,5 +1,6 @@
 """Ridge regression from running sums: exact whatever the order, and no sample is kept."""
 
+from copy import copy
 from typing import Literal, Self, overload
 
 import numpy as np
@@ -9,18 +10,21 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from companion.regressors.base import Arrays, Floats
+from companion.regressors.scaling import Rarity
 
 
 class RidgeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sklearn is untyped
     """Least squares on scaled features with a penalty of ``alpha`` samples' worth.
 
-    The weights are solved for anew whenever the samples have grown by the share ``refresh``.
+    The weights are solved for anew whenever the samples have grown by the share ``refresh``. With
+    ``balance``, a sample counts by the share of samples with such a target to its negative power.
     Learned: ``moments_``, the sums of products of rows (1, features, target), (n + 2, n + 2).
     """
 
-    def __init__(self, alpha: float = 1.0, refresh: float = 0.0) -> None:
+    def __init__(self, alpha: float = 1.0, refresh: float = 0.0, balance: float = 0.0) -> None:
         self.alpha = alpha
         self.refresh = refresh
+        self.balance = balance
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Forgets all, then learns ``X`` (n, n_features) and ``y`` (n,)."""
@@ -49,13 +53,19 @@ class RidgeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sk
     def snapshot(self) -> Self:
         """The model as it is now; it shares nothing with this one."""
         check_is_fitted(self)
-        return type(self)(**self.get_params()).restore(self.state())
+        twin = copy(self)  # all but the sums is replaced when it changes
+        twin.moments_ = self.moments_.copy()
+        return twin
 
     def state(self) -> Arrays:
         """The sums now, and those that the weights are of."""
         if not hasattr(self, "moments_"):
             return {}
-        return {"moments": self.moments_.copy(), "solved": self.solved_moments_.copy()}
+        return {
+            "moments": self.moments_.copy(),
+            "solved": self.solved_moments_.copy(),
+            "counts": self.rarity_.counts.copy(),
+        }
 
     def restore(self, state: Arrays) -> Self:
         """Takes up where ``state`` was taken."""
@@ -64,6 +74,8 @@ class RidgeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sk
             self.moments_ = np.array(state["solved"], dtype=np.float64)
             self._solve()
             self.moments_ = np.array(state["moments"], dtype=np.float64)
+            self.rarity_ = Rarity()
+            self.rarity_.counts = np.array(state["counts"], dtype=np.float64)
         return self
 
     def _learn(self, X: ArrayLike, y: ArrayLike, *, reset: bool) -> Self:
@@ -71,8 +83,13 @@ class RidgeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sk
         if reset:
             size = self.n_features_in_ + 2
             self.moments_ = np.zeros((size, size))
+            self.rarity_ = Rarity()
         rows = np.column_stack([np.ones(len(samples)), samples, targets])
-        self.moments_ += rows.T @ rows
+        if self.balance:
+            weights = self.rarity_.weights(targets, self.balance)
+            self.moments_ += (rows * weights[:, np.newaxis]).T @ rows
+        else:
+            self.moments_ += rows.T @ rows
         if reset or self.moments_[0, 0] > (1.0 + self.refresh) * self.solved_moments_[0, 0]:
             self._solve()
         return self

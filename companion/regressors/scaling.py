@@ -1,4 +1,4 @@
-"""Features and targets brought to mean 0 and spread 1, by what was seen so far."""
+"""Features and targets brought to mean 0 and spread 1, and rare targets made to count for more."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,6 +7,28 @@ from companion.regressors.base import Arrays, Floats
 
 LEAST_SPREAD = 1e-6
 """Below it a feature is a constant, and its noise is not blown up."""
+LEAST_SHARE = 0.01
+"""No target counts as rarer: a single odd sample must not outweigh all others."""
+
+
+class Rarity:
+    """How rare each target is among those seen, in ranges ``WIDTH`` wide."""
+
+    WIDTH = 0.3
+    """Of a logarithm of λ: a third more or less is another distance."""
+    N_RANGES, LOWEST = 1024, -64
+    """Targets beyond are counted at the ends."""
+
+    def __init__(self) -> None:
+        self.counts = np.zeros(self.N_RANGES)
+
+    def weights(self, targets: Floats, power: float) -> Floats:
+        """Counts the targets (n,) in; their shares of all, to the power of ``-power``: (n,)."""
+        ranges = np.floor(targets / self.WIDTH).astype(np.int64) - self.LOWEST
+        ranges = np.clip(ranges, 0, self.N_RANGES - 1)
+        np.add.at(self.counts, ranges, 1.0)
+        shares = self.counts[ranges] / self.counts.sum()
+        return np.asarray((shares + LEAST_SHARE) ** -power)
 
 
 class RunningScale:

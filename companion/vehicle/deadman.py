@@ -10,6 +10,7 @@ import faulthandler
 import logging
 import math
 import threading
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Protocol
 
@@ -68,9 +69,16 @@ class Deadman:
     autopilot is in another mode by then.
     """
 
-    def __init__(self, actions: DeadmanActions, clock: Clock, settings: DeadmanSettings) -> None:
+    def __init__(
+        self,
+        actions: DeadmanActions,
+        clock: Clock,
+        settings: DeadmanSettings,
+        now_wall_s: Callable[[], float] = wall_s,
+    ) -> None:
         self._actions = actions
         self._clock = clock
+        self._now_wall_s = now_wall_s
         self._settings = settings
         self._lock = threading.Lock()
         self._stage = Stage.RESTING
@@ -97,7 +105,7 @@ class Deadman:
     def feed(self) -> None:
         """A setpoint was sent."""
         with self._lock:
-            self._fed_s, self._fed_wall_s = self._clock.now_s(), wall_s()
+            self._fed_s, self._fed_wall_s = self._clock.now_s(), self._now_wall_s()
             if self._stage <= Stage.STOPPED:
                 self._stage = Stage.WATCHING
 
@@ -114,23 +122,24 @@ class Deadman:
             self._last_resort.rest()
 
     def _look(self) -> None:
+        now_wall_s = self._now_wall_s()
         with self._lock:
             due = self._due()
             self._last_resort.put_off(due in (Stage.WATCHING, Stage.STOPPED))
             new = due > self._stage
             self._stage = max(due, self._stage)
-            if not new and (due < self._stage or wall_s() < self._repeat_wall_s):
+            if not new and (due < self._stage or now_wall_s < self._repeat_wall_s):
                 return
             silence_s = self._clock.now_s() - self._fed_s
         if new:
             logger.warning("no setpoint for %.1f s: %s", silence_s, due.name.lower())
         done = due <= Stage.WATCHING or self._act(due)
-        self._repeat_wall_s = math.inf if done else wall_s() + REPEAT_PERIOD_S
+        self._repeat_wall_s = math.inf if done else now_wall_s + REPEAT_PERIOD_S
 
     def _due(self) -> Stage:
         if self._stage is Stage.RESTING:
             return Stage.RESTING
-        silence_wall_s = wall_s() - self._fed_wall_s
+        silence_wall_s = self._now_wall_s() - self._fed_wall_s
         if self._clock.now_s() - self._fed_s < self._settings.stop_after_s:
             return Stage.WATCHING
         if silence_wall_s < self._settings.hold_after_s:

@@ -22,22 +22,21 @@ from mavsdk.plugins.telemetry import TelemetryError
 from companion.kernel.attempts import attempt
 from companion.kernel.clock import Clock, wall_s
 from companion.kernel.errors import CompanionError, LinkError, VehicleError
-from companion.kernel.messages import Event, FlightMode, LandedState, Setpoint, Telemetry
+from companion.kernel.messages import Event, FlightMode, Setpoint, Telemetry
 from companion.kernel.settings import Settings
 from companion.vehicle.deadman import Deadman, DeadmanSettings, Stage
 from companion.vehicle.slots import TelemetrySlots
+from companion.vehicle.states import hovers, is_disarmed, left_the_ground
 
 logger = logging.getLogger(__name__)
 
 POLL_PERIOD_S = 0.05
 ARM_RETRY_PERIOD_S = 0.5
-ASKED_TIMES = 3
-"""By us; MAVSDK itself sends a command four times, half a second apart, before it gives up."""
-OFFBOARD_TRIES = 3
-"""On a bad link the command may overtake the first setpoint, and is refused then."""
-HEIGHT_TOLERANCE_M = 0.3
-TEXT_LENGTH = 50
-"""Characters that a STATUSTEXT holds."""
+ASKED_TIMES = OFFBOARD_TRIES = 3
+"""On bad links answers get lost, though MAVSDK itself sends a command four times, and the command
+for offboard mode may overtake the first setpoint."""
+TEXT_LENGTH = 49
+"""Characters that one STATUSTEXT holds; from 50 on MAVSDK sends a second one."""
 ARMED_LAG_S = 2.0
 """`armed` comes with heartbeats at 1 Hz; for this long after arming, a "no" may be old."""
 
@@ -117,10 +116,15 @@ class MavsdkVehicle:
     async def take_off(self, height_m: float) -> None:
         await _ask("set the take-off height", self._action.set_takeoff_altitude, height_m)
         await self.arm()
-        await _ask("take off", self._action.takeoff)
+        before = self.telemetry()
+        try:
+            await _ask("take off", self._action.takeoff)
+        except VehicleError:
+            if not left_the_ground(before, self.telemetry()):
+                raise  # else only its answer got lost, and asking again was vain
         await self._confirm(
             f"hovering at {height_m:g} m",
-            lambda now: _hovers(now, height_m),
+            lambda now: hovers(now, height_m),
             self._settings.climb_limit_s,
         )
 
@@ -156,7 +160,7 @@ class MavsdkVehicle:
             return
         await _ask("land", self._action.land)
         self._deadman.rest()
-        await self._confirm("disarmed", _is_disarmed, self._settings.land_limit_s)
+        await self._confirm("disarmed", is_disarmed, self._settings.land_limit_s)
 
     async def _start_offboard(self, setpoint: Setpoint) -> None:
         await _ask("start offboard", self._offboard.start)
@@ -277,18 +281,6 @@ def _call(
 def _velocity_body(setpoint: Setpoint) -> VelocityBodyYawspeed:
     yaw_rate_deg_s = math.degrees(setpoint.yaw_rate_rad_s)
     return VelocityBodyYawspeed(*setpoint.velocity_hfrd_m_s, yaw_rate_deg_s)
-
-
-def _hovers(now: Telemetry, height_m: float) -> bool:
-    return (
-        now.landed_state is LandedState.IN_AIR
-        and now.flight_mode is FlightMode.HOLD
-        and abs(-now.position_ned_m[2] - height_m) < HEIGHT_TOLERANCE_M
-    )
-
-
-def _is_disarmed(now: Telemetry) -> bool:
-    return not now.armed
 
 
 def _reason(error: Exception) -> str:

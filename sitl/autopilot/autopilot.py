@@ -34,6 +34,7 @@ from sitl.autopilot.plans import Plans
 from sitl.autopilot.status import StatusBoard
 from sitl.autopilot.vibration import Vibration
 from sitl.failures import Failures, Unit
+from sitl.sensors.receiver import Receiver
 from sitl.sensors.suite import Sensors
 from sitl.settings import BatterySettings, EstimatorSettings
 
@@ -61,7 +62,9 @@ class Autopilot:
         self._estimator = Estimator(
             estimator, CONTROL_HZ, rng, self.parameters, self.failures, start
         )
-        self.sensors = Sensors(start, self.parameters, self.failures, rng.spawn(1)[0])
+        for_readings, for_fixes = rng.spawn(2)
+        self._receiver = Receiver(self.parameters, for_fixes)
+        self.sensors = Sensors(start, self.parameters, self.failures, self._receiver, for_readings)
         self._home = Home(self.estimate.yaw_rad)
         self._battery = Battery(battery, self.parameters, self.failures)
         self.plans = Plans(self.parameters, self._home)
@@ -100,6 +103,8 @@ class Autopilot:
     def update(self, truth: AirframeState) -> MotorCommand:
         """One step of everything; ``truth`` is what the sensors are made from."""
         self.sensors.truth = truth
+        if (fix := self._receiver.update(truth)) is not None:
+            self._estimator.take_fix(fix)
         estimate = self._estimator.update(truth)
         if self._estimator.vision.resets != self._resets:
             self._follow_jump(estimate)

@@ -21,6 +21,8 @@ _JERK_VERTICAL_M_S3: Final = 15.0
 _YAW_JERK_RAD_S3: Final = 40.0
 _LEVEL_INTEGRAL_LIMIT_M_S2: Final = 4.0  # 7 m/s of wind; a wall it leans on winds up no more
 _DOWN_INTEGRAL_LIMIT_M_S2: Final = 4.0  # of a battery or rotor that gives less than expected
+_FAR_M: Final = 1.0
+_BRAKING_SHARE: Final = 0.7  # of MPC_ACC_HOR: so fast that it still stops in time at a place
 _HEADING_LATCH_RAD_S: Final = 0.02  # a turn is over when its reference is slower than this
 
 
@@ -140,7 +142,11 @@ class Controller:
         v_north, v_east, _ = goal.velocity_ned_m_s
         north, east, _ = goal.position_ned_m
         gain = self._parameters["MPC_XY_P"]
-        if north == north:  # not NaN
+        distance_m = math.dist((north, east), estimate.position_ned_m[:2])
+        if distance_m > _FAR_M:  # not NaN: far away, no faster than it can brake
+            braking_m_s2 = _BRAKING_SHARE * self._parameters["MPC_ACC_HOR"]
+            gain = min(gain, math.sqrt(2.0 * braking_m_s2 / distance_m))
+        if north == north:
             v_north += gain * (north - estimate.position_ned_m[0])
         if east == east:
             v_east += gain * (east - estimate.position_ned_m[1])

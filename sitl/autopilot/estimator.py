@@ -18,6 +18,7 @@ from sitl.autopilot.estimation.vision_sample import VisionSample
 from sitl.autopilot.interface import Estimate
 from sitl.autopilot.parameters import Number
 from sitl.failures import Failures, Unit
+from sitl.sensors.receiver import Fix
 from sitl.settings import EstimatorSettings
 
 _RECENT_S: Final = 0.5  # after its last use a source still counts as one
@@ -62,6 +63,11 @@ class Estimator:
         """A client's measurement, as it comes."""
         if self._failures.works(Unit.VISION):
             self.vision.take(sample, now_s)
+
+    def take_fix(self, fix: Fix) -> None:
+        """Of the satellites; comes with the update that follows."""
+        if self._failures.works(Unit.GPS):
+            self.vision.take_fix(fix)
 
     def update(self, truth: AirframeState) -> Estimate:
         """The estimate of one moment; to be called at the rate given at the start."""

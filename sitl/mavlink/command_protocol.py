@@ -9,7 +9,7 @@ from sitl.autopilot.interface import Ack, AutopilotPort
 from sitl.mavlink import commands
 from sitl.mavlink.channel import Channel
 from sitl.mavlink.link_commands import LinkCommands
-from sitl.mavlink.places import Datum
+from sitl.mavlink.places import Earth
 from sitl.mavlink.snapshot import Message, Snapshot
 
 _MEMORY_S: Final = 5.0  # clients give up a command sooner
@@ -28,8 +28,9 @@ _NOTHING: Final = _Done((), 0.0)
 class CommandProtocol:
     """Serves one autopilot. A retry of what was accepted is accepted again, and not done again."""
 
-    def __init__(self, autopilot: AutopilotPort, link_commands: LinkCommands) -> None:
+    def __init__(self, autopilot: AutopilotPort, earth: Earth, link_commands: LinkCommands) -> None:
         self._autopilot = autopilot
+        self._earth = earth
         self._link_commands = link_commands
         self._done: dict[tuple[int, int], _Done] = {}
         """The last of each sender."""
@@ -43,7 +44,7 @@ class CommandProtocol:
     ) -> bool:
         """Whether all streams are to begin anew, because the vehicle has rebooted."""
         command = message.command
-        parameters = commands.parameters_of(message, Datum(now.origin, now.status.home_ned_m[2]))
+        parameters = commands.parameters_of(message, self._earth.datum)
         if command == mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN:
             ack, rebooted = self._reboot(parameters)
             send(_ack(message, ack))

@@ -84,4 +84,4 @@ def impair(links: Sequence[Link], conditions: Sequence[LinkConditions], now_s: N
         if isinstance(link, UdpLink):
             link.impair(state, now_s)
         elif not state.clear:
-            raise PlanError(f"{link.url}: only UDP links lose or delay packets (sitl.link)")
+            raise PlanError(f"{link.url}: only UDP links lose or delay packets")

@@ -16,7 +16,7 @@ from sitl.mavlink.mission_items import (
     mission_item,
     rally_places,
 )
-from sitl.mavlink.places import Datum, Origin
+from sitl.mavlink.places import Earth
 from sitl.mavlink.snapshot import Message
 
 Reply = Callable[[Message], None]
@@ -82,9 +82,9 @@ class _Upload:
 class MissionProtocol:
     """One upload at a time; what was there before is kept until a new plan is whole and sound."""
 
-    def __init__(self, autopilot: AutopilotPort, origin: Origin) -> None:
+    def __init__(self, autopilot: AutopilotPort, earth: Earth) -> None:
         self._autopilot = autopilot
-        self._origin = origin
+        self._earth = earth
         self._upload: _Upload | None = None
         self._last: tuple[_Client, int] | None = None
         """The client and last item of the upload that was accepted last."""
@@ -133,9 +133,6 @@ class MissionProtocol:
     def _time_s(self) -> float:
         return self._autopilot.estimate.time_s
 
-    def _datum(self) -> Datum:
-        return Datum(self._origin, self._autopilot.plans.home.position_ned_m[2])
-
     # -- upload --------------------------------------------------------------------------------
 
     def _on_count(self, message: Message, reply: Reply) -> None:
@@ -164,7 +161,7 @@ class MissionProtocol:
             return  # a duplicate, or ahead of its turn: it will be asked for
         upload.heard_s = self._time_s()
         try:
-            self._keep(upload, Item.of(message, self._datum()))
+            self._keep(upload, Item.of(message, self._earth.datum))
         except RejectedItemError as rejection:
             self._end_upload(rejection.result, str(rejection))
 

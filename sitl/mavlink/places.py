@@ -1,13 +1,17 @@
 """Places on Earth and in the vehicle's local frame."""
 
+import logging
 import math
 from typing import Annotated, Final, NamedTuple
 
-from msgspec import Meta
+from msgspec import Meta, ValidationError, convert
 from pymavlink.dialects.v20 import common as mavlink
 
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
+from sitl.autopilot.home import Home
+
+logger = logging.getLogger(__name__)
 
 METRES_PER_DEGREE: Final = 111_319.5
 """Along a meridian, or along the equator; a room is too small for the difference to matter."""
@@ -61,3 +65,29 @@ class Datum(NamedTuple):
         if frame in ABOVE_SEA:
             return self.origin.amsl_m - height
         return self.home_down_m - height if frame in ABOVE_HOME else height
+
+
+class Earth:
+    """Where the vehicle's world lies, until a client says otherwise (SET_GPS_GLOBAL_ORIGIN)."""
+
+    def __init__(self, origin: Origin, home: Home) -> None:
+        self.origin = origin
+        self._home = home
+
+    @property
+    def datum(self) -> Datum:
+        return Datum(self.origin, self._home.position_ned_m[2])
+
+    def move(self, message: mavlink.MAVLink_message) -> None:
+        """No change for a place that is none."""
+        try:
+            self.origin = convert(
+                {
+                    "latitude_deg": message.latitude * 1e-7,
+                    "longitude_deg": message.longitude * 1e-7,
+                    "amsl_m": message.altitude * 1e-3,
+                },
+                Origin,
+            )
+        except ValidationError as error:
+            logger.warning("SET_GPS_GLOBAL_ORIGIN: %s", error)

@@ -104,7 +104,7 @@ def optical_flow_rad(now: Snapshot) -> Message | None:
 
 
 def gps_raw_int(now: Snapshot) -> Message:
-    """Satellites are seen only with SYS_HAS_GPS; what is fixed is not fused."""
+    """Satellites are seen only with SYS_HAS_GPS."""
     fix = now.sensors.fix()
     if fix is None:
         unknown = (_UNKNOWN_UINT16,) * 4

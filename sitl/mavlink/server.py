@@ -15,18 +15,11 @@ from sitl.mavlink.links import Client, Link
 from sitl.mavlink.missions import MissionProtocol
 from sitl.mavlink.parameter_file import ParameterFile
 from sitl.mavlink.parameters import ParameterProtocol
-from sitl.mavlink.places import Datum, Origin
-from sitl.mavlink.setpoints import (
-    FRAMES,
-    GLOBAL_FRAMES,
-    attitude_setpoint,
-    global_setpoint,
-    manual_input,
-    offboard_setpoint,
-)
+from sitl.mavlink.places import Earth, Origin
+from sitl.mavlink.setpoints import SetpointReader, manual_input
 from sitl.mavlink.signing import Keyring, Signer
 from sitl.mavlink.snapshot import Snapshot
-from sitl.mavlink.state import heartbeat
+from sitl.mavlink.state import gps_global_origin, heartbeat
 from sitl.mavlink.streams import STREAMS
 from sitl.mavlink.tlog import TelemetryLog
 from sitl.mavlink.vision import VisionReader
@@ -55,28 +48,27 @@ class MavlinkServer:
         closed by ``close``. With a ``keyring`` only signed messages are obeyed.
         """
         self._autopilot = autopilot
-        self._origin = origin or Origin()
+        self._earth = earth = Earth(origin or Origin(), autopilot.plans.home)
         self.links = links
         self._log = log
         self._keyring = keyring
         self._time_s = autopilot.estimate.time_s
         self._parameters = ParameterProtocol(autopilot, parameter_file)
-        self._missions = MissionProtocol(autopilot, self._origin)
+        self._missions = MissionProtocol(autopilot, earth)
+        self._setpoints = SetpointReader(earth)
         self._vision = VisionReader()
         self._source = _source_of(autopilot)
         self._channels: dict[Client, Channel] = {}
         builders = {message_id: stream.builder for message_id, stream in STREAMS.items()}
         if camera is not None:
             builders |= camera.builders
-        self._commands = CommandProtocol(autopilot, LinkCommands(builders, self._parameters))
-        self._unknown_frames: set[int] = set()
+        link_commands = LinkCommands(builders, self._parameters)
+        self._commands = CommandProtocol(autopilot, earth, link_commands)
         self._handlers: Mapping[int, Callable[[Channel, mavlink.MAVLink_message], None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             mavlink.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command,
             mavlink.MAVLINK_MSG_ID_COMMAND_INT: self._on_command,
-            mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: self._on_setpoint,
-            mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: self._on_setpoint,
-            mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: self._on_attitude_setpoint,
+            mavlink.MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN: self._on_global_origin,
             mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: self._on_manual_control,
             mavlink.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
             mavlink.MAVLINK_MSG_ID_PING: self._on_ping,
@@ -84,6 +76,7 @@ class MavlinkServer:
             mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_parameter,
             mavlink.MAVLINK_MSG_ID_PARAM_SET: self._on_parameter,
             **dict.fromkeys(self._missions.handlers, self._on_mission),
+            **dict.fromkeys(self._setpoints.message_ids, self._on_setpoint),
             **dict.fromkeys(self._vision.message_ids, self._on_vision),
         }
 
@@ -172,7 +165,7 @@ class MavlinkServer:
             autopilot.status,
             self._time_s,
             autopilot.parameters,
-            self._origin,
+            self._earth.origin,
             autopilot.sensors,
             autopilot.quality,
         )
@@ -238,24 +231,9 @@ class MavlinkServer:
             self._channels.clear()
 
     def _on_setpoint(self, _: Channel, message: mavlink.MAVLink_message) -> None:
-        if message.get_msgId() == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT:
-            home_ned_m = self._autopilot.plans.home.position_ned_m
-            frames = GLOBAL_FRAMES
-            setpoint = global_setpoint(message, Datum(self._origin, home_ned_m[2]))
-        else:
-            frames, setpoint = FRAMES, offboard_setpoint(message, self._autopilot.estimate)
+        setpoint = self._setpoints.read(message, self._autopilot.estimate)
         if setpoint is not None:
             self._autopilot.set_offboard_setpoint(setpoint)
-        elif message.coordinate_frame not in self._unknown_frames:
-            self._unknown_frames.add(message.coordinate_frame)
-            logger.warning(
-                "setpoints in MAV_FRAME %d are ignored; known frames: %s",
-                message.coordinate_frame,
-                ", ".join(map(str, sorted(frames))),
-            )
-
-    def _on_attitude_setpoint(self, _: Channel, message: mavlink.MAVLink_message) -> None:
-        self._autopilot.set_offboard_setpoint(attitude_setpoint(message))
 
     def _on_manual_control(self, _: Channel, message: mavlink.MAVLink_message) -> None:
         if message.target in {0, self._source.system_id}:
@@ -265,6 +243,11 @@ class MavlinkServer:
         sample = self._vision.read(message)
         if sample is not None:
             self._autopilot.take_vision(sample)
+
+    def _on_global_origin(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
+        """Answered with the origin of now, whether it moved or not."""
+        self._earth.move(message)
+        self._send(channel, gps_global_origin(self._snapshot()))
 
     def _on_timesync(self, channel: Channel, message: mavlink.MAVLink_message) -> None:
         if message.tc1 == 0:  # a question; anything else answers one

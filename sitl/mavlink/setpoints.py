@@ -1,6 +1,8 @@
 """Setpoints and sticks to what the autopilot takes: NED, NaN where not controlled."""
 
+import logging
 import math
+from typing import Final
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -18,7 +20,9 @@ from sitl.autopilot.interface import (
     ManualInput,
     OffboardSetpoint,
 )
-from sitl.mavlink.places import ABOVE_HOME, ABOVE_SEA, Datum
+from sitl.mavlink.places import ABOVE_HOME, ABOVE_SEA, Datum, Earth
+
+logger = logging.getLogger(__name__)
 
 _BODY_FRAMES = {mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED}
 _OFFSET_FRAMES = {mavlink.MAV_FRAME_LOCAL_OFFSET_NED, *_BODY_FRAMES}
@@ -37,6 +41,39 @@ _NO_AXIS = 0x7FFF
 # Of length 1 in theory; zeros are what clients send that forget it.
 _SHORTEST_QUATERNION, _LONGEST_QUATERNION = 0.5, 2.0
 _LARGEST = 1e6  # metres, metres per second and its square, radians, radians per second
+
+
+class SetpointReader:
+    """``read`` is None for a setpoint in an unknown frame; each such frame is logged once."""
+
+    message_ids: Final = (
+        mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+        mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
+        mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
+    )
+
+    def __init__(self, earth: Earth) -> None:
+        self._earth = earth
+        self._unknown_frames: set[int] = set()
+
+    def read(
+        self, message: mavlink.MAVLink_message, estimate: Estimate
+    ) -> OffboardSetpoint | AttitudeSetpoint | None:
+        number = message.get_msgId()
+        if number == mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET:
+            return attitude_setpoint(message)
+        if number == mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT:
+            frames, setpoint = GLOBAL_FRAMES, global_setpoint(message, self._earth.datum)
+        else:
+            frames, setpoint = FRAMES, offboard_setpoint(message, estimate)
+        if setpoint is None and message.coordinate_frame not in self._unknown_frames:
+            self._unknown_frames.add(message.coordinate_frame)
+            logger.warning(
+                "setpoints in MAV_FRAME %d are ignored; known frames: %s",
+                message.coordinate_frame,
+                ", ".join(map(str, sorted(frames))),
+            )
+        return setpoint
 
 
 def offboard_setpoint(

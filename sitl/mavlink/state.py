@@ -165,6 +165,16 @@ def home_position(now: Snapshot) -> Message:
     )
 
 
+def gps_global_origin(now: Snapshot) -> Message:
+    """Where local (0, 0, 0) is."""
+    return mavlink.MAVLink_gps_global_origin_message(
+        round(now.origin.latitude_deg * 1e7),
+        round(now.origin.longitude_deg * 1e7),
+        round(now.origin.amsl_m * 1e3),
+        now.boot_us,
+    )
+
+
 def autopilot_version(_now: Snapshot) -> Message:
     nothing = [0] * 8
     return mavlink.MAVLink_autopilot_version_message(

@@ -56,6 +56,7 @@ STREAMS: Final[Mapping[int, Stream]] = {
     development.MAVLINK_MSG_ID_CURRENT_MODE: Stream(state.current_mode, 0.5, 0.5),
     mavlink.MAVLINK_MSG_ID_VIBRATION: Stream(state.vibration, 0.5, 0.1),
     mavlink.MAVLINK_MSG_ID_SCALED_IMU: Stream(sensing.scaled_imu, 0.0, 0.0),
+    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: Stream(state.gps_global_origin, 0.0, 0.0),
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: Stream(state.autopilot_version, 0.0, 0.0),
 }
 

@@ -22,18 +22,15 @@ from sitl.sensors.nature import (
     floor_along_m,
     flow_rad_s,
 )
+from sitl.sensors.receiver import Fix, Receiver
 
 FLOW_PERIOD_S: Final = 0.02
 """Time that one reading of the optical flow adds up."""
-# Noise of consumer parts: 0.1 m of height, 2 milligauss, 1 cm of sonar, 1 % of a radian per
-# second, and a receiver in the open with 3 m2 of slow error left out: it would be home's as well.
+# Noise of consumer parts: 0.1 m of height, 2 milligauss, 1 cm of sonar, 1 % of a radian per second.
 _PRESSURE_NOISE_PA: Final = 1.2
 _FIELD_NOISE_GAUSS: Final = 0.002
 _RANGE_NOISE_M: Final = 0.01
 _FLOW_NOISE_RAD_S: Final = 0.01
-_GPS_NOISE_M: Final = 0.4
-_GPS_NOISE_M_S: Final = 0.05
-_LEAST_SATELLITES: Final = 4
 _FOCUS_M: Final = 0.08  # nearer than this to the ground, the flow camera sees it no faster
 _GOOD_PERCENT: Final = 100
 _NOWHERE: Final[Vector3] = (0.0, 0.0, 0.0)
@@ -51,12 +48,6 @@ class Flow(NamedTuple):
     """That the range finder saw; negative if it saw none."""
 
 
-class Fix(NamedTuple):
-    position_ned_m: Vector3
-    velocity_ned_m_s: Vector3
-    satellites: int
-
-
 class Sensors:
     """``truth`` is to be kept up to date by whoever flies."""
 
@@ -65,6 +56,7 @@ class Sensors:
         truth: AirframeState,
         parameters: dict[str, Number],
         failures: Failures,
+        receiver: Receiver,
         rng: np.random.Generator,
     ) -> None:
         self.truth = truth
@@ -74,6 +66,7 @@ class Sensors:
         """From a place along a direction, both NED from the start, to the next surface."""
         self._parameters = parameters
         self._failures = failures
+        self._receiver = receiver
         self._rng = rng
         self._last: dict[Unit, tuple[float, object]] = {}
 
@@ -113,11 +106,9 @@ class Sensors:
 
     def fix(self) -> Fix | None:
         """None without a receiver, or with too few satellites."""
-        if not self._parameters["SYS_HAS_GPS"]:
+        if self._receiver.fix is None:
             return None
-        if self._parameters["SIM_GPS_USED"] < _LEAST_SATELLITES:
-            return None
-        return self._read(Unit.GPS, self._fix, self._any_fix)
+        return self._read(Unit.GPS, lambda: self._receiver.fix, self._any_fix)
 
     def _read(
         self, unit: Unit, measure: Callable[[], Reading], invent: Callable[[], Reading]
@@ -165,13 +156,6 @@ class Sensors:
             -1.0 if range_m is None else range_m,
         )
 
-    def _fix(self) -> Fix:
-        return Fix(
-            self._noisy(self.truth.position_ned_m, _GPS_NOISE_M),
-            self._noisy(self.truth.velocity_ned_m_s, _GPS_NOISE_M_S),
-            int(self._parameters["SIM_GPS_USED"]),
-        )
-
     # -- garbage -------------------------------------------------------------------------------
 
     def _any_air(self) -> Air:
@@ -183,6 +167,7 @@ class Sensors:
 
     def _any_fix(self) -> Fix:
         return Fix(
+            self.truth.time_s,
             self._noisy(_NOWHERE, 1000.0),
             self._noisy(_NOWHERE, 10.0),
             int(self._parameters["SIM_GPS_USED"]),

@@ -1,6 +1,7 @@
 """Cameras that OpenCV opens, logs and recordings in a camera's place, and the words for them."""
 
 import asyncio
+import threading
 from pathlib import Path
 
 import cv2
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from companion.camera.calibration_file import load_calibration
-from companion.camera.device import DeviceStereoCamera, Stamps, VideoStereoCamera
+from companion.camera.device import DeviceStereoCamera, SideBySide, Stamps, VideoStereoCamera
 from companion.camera.logged import LoggedRecording
 from companion.camera.replay import ReplayCamera
 from companion.camera.spec import (
@@ -109,6 +110,26 @@ def test_a_live_camera_gives_the_newest_frame_and_counts_the_others(video):
 def test_a_live_camera_can_be_left_at_any_time(video):
     frames = asyncio.run(take(DeviceStereoCamera(str(video), CALIBRATION, WallClock()), 1))
     assert len(frames) == 1
+
+
+def test_a_driver_that_hangs_does_not_keep_the_camera_open(video, monkeypatch, caplog):
+    answers, asked, read = threading.Event(), threading.Event(), SideBySide.read
+
+    def hang(stream):
+        if not hasattr(stream, "first"):  # it still opens
+            return read(stream)
+        asked.set()
+        answers.wait(30.0)
+        return None
+
+    monkeypatch.setattr(SideBySide, "read", hang)
+    monkeypatch.setattr("companion.camera.device.CLOSE_LIMIT_S", 0.05)
+    camera = DeviceStereoCamera(str(video), CALIBRATION, WallClock())
+    assert len(asyncio.run(take(camera, 1))) == 1
+    assert asked.wait(10.0)
+    assert "the driver hangs; left behind" in caplog.text
+    answers.set()
+    camera._thread.join()
 
 
 @pytest.mark.parametrize("kind", [DeviceStereoCamera, VideoStereoCamera])

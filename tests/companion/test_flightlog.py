@@ -16,6 +16,7 @@ from mcap.reader import make_reader
 
 from companion.flightlog import FlightLog, FlightLogWriter, FlightMetadata, Topic
 from companion.flightlog.records import pose_view
+from companion.health.words import PLACES
 from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.errors import RecordingError
 from companion.kernel.frames import euler_from_quaternion, quaternion_from_euler
@@ -24,12 +25,16 @@ from companion.kernel.messages import (
     Cue,
     Decision,
     Event,
+    Health,
     MocapPose,
+    MonoMap,
     Percept,
     Phase,
     Setpoint,
     StereoFrame,
     Telemetry,
+    TrustFigures,
+    TrustStatus,
 )
 
 NAN = math.nan
@@ -85,6 +90,15 @@ def records(n):
             ),
         )
     yield Topic.EVENT, Event(stamp_ns=n * STEP_NS, severity="info", text="done")
+    yield Topic.HEALTH, an_eye_is_black(n * STEP_NS)
+    yield Topic.TRUST, TrustFigures(stamp_ns=n * STEP_NS, status=TrustStatus.LEARNING, auc=0.5)
+    yield Topic.MAP, MonoMap(stamp_ns=n * STEP_NS, columns=2, disparity_px=(1.5, NAN))
+
+
+def an_eye_is_black(stamp_ns):
+    names = [f"{place}_{what}" for place in PLACES for what in ("fault", "evidence")]
+    said = dict.fromkeys(names, "") | {"left_fault": "black", "left_evidence": "all of it"}
+    return Health(stamp_ns=stamp_ns, stereo=False, left=False, right=True, **said)
 
 
 def write_flight(path, n=30):
@@ -237,6 +251,17 @@ def test_images_come_back_bit_for_bit(tmp_path):
     for frame, (left, right) in zip(frames, pairs, strict=True):
         np.testing.assert_array_equal(frame.left, left)
         np.testing.assert_array_equal(frame.right, right)
+
+
+def test_frames_without_one_eye_are_left_out(tmp_path):
+    image, nothing = np.zeros((96, 128), np.uint8), np.empty((0, 0), np.uint8)
+    path = tmp_path / "flight.mcap"
+    with FlightLogWriter(path, META, images="stereo") as log:
+        for number, (left, right) in enumerate(
+            [(image, image), (nothing, image), (image, nothing), (image, image)]
+        ):
+            log.write_frame(StereoFrame(number, left, right))
+    assert [frame.stamp_ns for frame in FlightLog(path).frames()] == [0, 3]
 
 
 def test_without_images_frames_cost_nothing_and_reading_says_so(tmp_path):

@@ -18,7 +18,7 @@ from companion.regressors import (
     RidgeRegressor,
     make,
 )
-from companion.regressors.scaling import RunningScale
+from companion.regressors.scaling import Rarity, RunningScale
 
 NAMES = sorted(set(REGRESSORS) - {"cnn"})
 """cnn sees images only, and has tests of its own."""
@@ -50,7 +50,7 @@ def taught(name, X, y, rows=4):
 )
 def test_finds_a_planted_relation_and_states_its_error(planted, name, limit):
     X, y = planted
-    mean, std = taught(name, X[:300], y[:300]).predict(X[300:], return_std=True)
+    mean, std = taught(name, X[:300], y[:300], rows=1).predict(X[300:], return_std=True)
     error = mean - y[300:]
     assert np.mean(error**2) < limit * y.var()
     assert (std > 0.0).all()
@@ -155,6 +155,21 @@ def test_running_scale_equals_that_of_all_rows():
     assert_allclose(scale.apply(rows)[:, :4].mean(axis=0), 0.0, atol=1e-6)
     assert_allclose(scale.apply(rows)[:, :4].std(axis=0), 1.0, rtol=1e-5)
     assert_allclose(scale.apply(rows)[:, 4], 0.0, atol=1e-6)
+
+
+def test_rarity_is_a_share_and_balances_a_ridge():
+    """Ten samples know how the near grow, a thousand say nothing of it."""
+    rarity = Rarity()
+    many, few = np.full(900, 1.0), np.full(100, 5.0)
+    rarity.weights(many, 1.0)
+    assert_allclose(rarity.weights(few, 1.0), 1.0 / (0.1 + 0.01))
+    rng = np.random.default_rng(2)
+    y = np.where(rng.random(2000) < 0.02, 5.0, 1.0)
+    X = (y[:, np.newaxis] + rng.normal(0.0, 2.0, (2000, 4))).astype(np.float32)
+    plain, balanced = (
+        RidgeRegressor(balance=power).fit(X, y).predict(X[y > 3.0]).mean() for power in (0.0, 1.0)
+    )
+    assert plain + 1.0 < balanced < 5.5
 
 
 def test_the_mean_is_the_mean_of_all_it_saw(planted):

@@ -104,6 +104,16 @@ def test_a_frame_survives_the_wire(number, size):
     sent.frame.left[:] = 0  # consumers get images of their own
 
 
+@pytest.mark.parametrize("missing", [(), ("left",), ("right",), ("left", "right")])
+def test_an_eye_that_sent_nothing_and_skew_survive_the_wire(missing):
+    nothing = np.empty((0, 0), np.uint8)
+    frame = msgspec.structs.replace(a_frame(1), skew_ns=-7, **dict.fromkeys(missing, nothing))
+    sent = wire.decode_frame(wire.encode_frame(frame, 1, CALIBRATION)).frame
+    assert sent.skew_ns == -7
+    for eye in ("left", "right"):
+        np.testing.assert_array_equal(getattr(sent, eye), getattr(frame, eye))
+
+
 def test_truth_survives_the_wire():
     poses = [a_pose(1), a_pose(2)]
     assert wire.decode_truth(wire.encode_truth(poses)) == poses

@@ -60,7 +60,11 @@ def fly(tmp_path):
 
 @pytest.mark.parametrize(
     "override",
-    ["sitl.link.loss_norm=0.3", "sitl.link.latency_s=0.3", "sitl.link.jitter_s=0.15"],
+    [
+        "sitl.faults.link_loss_norm=0.3",
+        "sitl.faults.link_latency_s=0.3",
+        "sitl.faults.link_jitter_s=0.15",
+    ],
 )
 def test_a_bad_link_is_flown_over(fly, override):
     flown = fly({}, override)
@@ -69,7 +73,7 @@ def test_a_bad_link_is_flown_over(fly, override):
 
 
 def test_the_same_seed_is_the_same_flight_behind_the_same_link(fly):
-    bad = "sitl.link.loss_norm=0.2", "sitl.link.jitter_s=0.1"
+    bad = "sitl.faults.link_loss_norm=0.2", "sitl.faults.link_jitter_s=0.1"
     assert fly({}, *bad).log == fly({}, *bad).log
 
 
@@ -94,7 +98,11 @@ def test_a_clear_link_is_no_link_at_all(fly):
 
 def test_a_bad_link_is_flown_over_through_mavsdk_too(start_companion):
     brief = [f"experiment.{text}" for text in ("initial_s=5", "learning_s=0", "test_s=0")]
-    bad = ["sitl.link.loss_norm=0.3", "sitl.link.latency_s=0.3", "sitl.link.jitter_s=0.1"]
+    bad = [
+        "sitl.faults.link_loss_norm=0.3",
+        "sitl.faults.link_latency_s=0.3",
+        "sitl.faults.link_jitter_s=0.1",
+    ]
     words = [word for override in (*brief, *bad) for word in ("--set", override)]
     slowly = ("--speed", "4")  # MAVSDK repeats what is not answered in half a second of wall time
     companion = start_companion("sitl", *words, *slowly)

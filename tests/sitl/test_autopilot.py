@@ -219,3 +219,16 @@ def test_the_estimate_walks_away_as_configured(make_flight):
     # Integral of a Gauss-Markov process started at 0, after two of its correlation times.
     formula = 4.0 - 3.0 + 4.0 * math.exp(-2.0) - math.exp(-4.0)
     assert spread_m == pytest.approx(0.01 * 10.0 * math.sqrt(formula), rel=0.4)
+
+
+def test_a_fast_way_to_a_place_ends_there(flight):
+    flight.take_off()
+    flight.autopilot.set_parameter("MPC_XY_VEL_MAX", 5.0)
+    place = OffboardSetpoint(position_ned_m=(30.0, 0.0, -1.5))
+    flight.autopilot.set_offboard_setpoint(place)
+    flight.autopilot.set_mode(FlightMode.OFFBOARD)
+    flight.run(20.0, lambda: flight.autopilot.set_offboard_setpoint(place))
+    norths_m = [state.position_ned_m[0] for state in flight.states]
+    assert max(state.velocity_ned_m_s[0] for state in flight.states) > 4.5
+    assert max(norths_m) < 30.5
+    assert norths_m[-1] == pytest.approx(30.0, abs=0.3)

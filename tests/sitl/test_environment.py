@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from companion.kernel.errors import CameraError, PlanError
+from companion.kernel.errors import PlanError
 from companion.kernel.messages import FlightMode
 from companion.kernel.settings import convert_settings
 from sitl.autopilot.interface import Ack, ManualInput
@@ -265,10 +265,17 @@ def test_a_plan_sets_parameters_and_lets_things_fail_in_time(make_flight):
 @pytest.mark.parametrize(
     ("table", "says"),
     [
-        ({"parameters": {"NO_SUCH": 1.0}}, "parameters.NO_SUCH"),
-        ({"parameters": {"MPC_XY_P": 99.0}}, "parameters.MPC_XY_P: 99: allowed: 0 to 2"),
-        ({"faults": {"failures": {"battery": "stuck"}}}, "allowed: off, ok"),
-        ({"events": [{"at_s": 1e3, "failures": {"sticks": "garbage"}}]}, "failures.sticks"),
+        ({"parameters": {"NO_SUCH": 1.0}}, r"^sitl.parameters.NO_SUCH: "),
+        ({"parameters": {"MPC_XY_P": 99.0}}, r"^sitl.parameters.MPC_XY_P: 99: allowed: 0 to 2"),
+        (
+            {"faults": {"failures": {"battery": "stuck"}}},
+            r"^sitl.faults.failures.battery: .*allowed: off, ok",
+        ),
+        (
+            {"events": [{"at_s": 1e3, "failures": {"sticks": "garbage"}}]},
+            r"^sitl.events\[0\].failures.sticks",
+        ),
+        ({"events": [{"at_s": 9.0, "parameters": {"X": 1.0}}]}, r"^sitl.events\[0\].parameters.X"),
     ],
 )
 def test_impossible_faults_are_refused_before_anything_moves(make_flight, table, says):
@@ -291,7 +298,6 @@ def test_a_broken_camera_shows_nothing_the_same_or_noise(tmp_path):
     left = simulation.next_frame().left.astype(float)
     assert abs(np.corrcoef(left[:, 1:].ravel(), left[:, :-1].ravel())[0, 1]) < 0.05
     failures.inject(Unit.CAMERA, Kind.OFF)
-    with pytest.raises(CameraError, match="off"):
-        simulation.next_frame()
+    assert simulation.next_frame() is None
     failures.inject(Unit.CAMERA, Kind.OK)
     assert simulation.next_frame().stamp_ns > stuck.stamp_ns

@@ -117,6 +117,20 @@ def test_ev_ctrl_chooses_what_is_used(drifting, bits, level, yaw):
     assert (abs(autopilot.estimate.yaw_rad) < math.radians(0.5)) is yaw
 
 
+@pytest.mark.parametrize(("control", "least_m", "most_m"), [(7, 0.0, 0.7), (0, 2.5, 3.5)])
+def test_satellites_bound_the_drift_if_gps_ctrl_wants_them(drifting, control, least_m, most_m):
+    drifting.flight.autopilot.set_parameter("EKF2_GPS_CTRL", control)
+    drifting.flight.autopilot.set_parameter("SYS_HAS_GPS", 1)
+    drifting.flight.run(15.0)
+    assert least_m <= drifting.error_m()[0] < most_m
+
+
+def test_vision_goes_before_satellites(drifting):
+    drifting.flight.autopilot.set_parameter("SYS_HAS_GPS", 1)
+    drifting.run(10.0)
+    assert drifting.error_m()[0] < 0.05
+
+
 def test_velocity_alone_stops_the_drift_but_not_what_it_was(drifting):
     def send():
         drifting.send(position_m=(math.nan,) * 3, attitude=None, velocity_m_s=(0.0, 0.0, 0.0))
@@ -274,7 +288,7 @@ ANY = st.one_of(st.floats(), st.floats(-3.0, 3.0))
 ANY3 = st.tuples(ANY, ANY, ANY)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     st.lists(
         st.builds(
@@ -291,7 +305,7 @@ ANY3 = st.tuples(ANY, ANY, ANY)
             reset_counter=st.integers(0, 255),
             quality_percent=st.integers(-1, 100),
         ),
-        max_size=100,
+        max_size=12,
     ),
 )
 def test_no_sample_makes_the_estimate_anything_but_a_number(samples):

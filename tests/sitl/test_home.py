@@ -77,3 +77,24 @@ def test_clients_see_the_place_and_heights_count_from_home(fly_mavlink):
     assert flight.autopilot.estimate.position_ned_m[2] == pytest.approx(-2.0, abs=0.1)
     latest = {message.get_type(): message for message in flight.run(1.0)}
     assert latest["GLOBAL_POSITION_INT"].relative_alt == pytest.approx(1000, abs=100)
+
+
+def test_a_client_moves_the_origin(fly_mavlink):
+    flight = fly_mavlink()
+    flight.run(3.0)
+
+    def answered(latitude, longitude, altitude):
+        flight.client.received()
+        flight.client.send(
+            mavlink.MAVLink_set_gps_global_origin_message(1, latitude, longitude, altitude)
+        )
+        (answer,) = flight.answers("GPS_GLOBAL_ORIGIN")
+        return answer.latitude, answer.longitude, answer.altitude
+
+    place = (473977420, 85455940, 488_000)
+    assert answered(*place) == place
+    assert answered(950_000_000, 0, 0) == place  # no place on Earth
+    latest = {message.get_type(): message for message in flight.run(2.1)}
+    here = latest["GLOBAL_POSITION_INT"]
+    assert (here.lat, here.lon) == pytest.approx(place[:2], abs=30)
+    assert latest["HOME_POSITION"].altitude == pytest.approx(488_000, abs=1)

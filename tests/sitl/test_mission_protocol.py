@@ -16,7 +16,7 @@ from sitl.autopilot.parameters import default_parameters
 from sitl.autopilot.plans import Plans
 from sitl.mavlink import commands
 from sitl.mavlink.missions import MissionProtocol
-from sitl.mavlink.places import Origin
+from sitl.mavlink.places import Earth, Origin
 
 ORIGIN = Origin()
 MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255
@@ -50,7 +50,7 @@ class Station:
 
     def __init__(self, board=None, system=255):
         self.board = board or Board()
-        self.protocol = MissionProtocol(self.board, ORIGIN)
+        self.protocol = MissionProtocol(self.board, Earth(ORIGIN, self.board.plans.home))
         self.system = system
         self.answers = []
 

@@ -165,6 +165,10 @@ async def ask_for_what_is_not_there(drone):
         await drone.action.set_actuator(1, 0.5)
     with pytest.raises(ActionError, match="UNSUPPORTED"):
         await drone.action.set_relay(1, 0)
+    origin = Origin()
+    await drone.action.set_gps_global_origin(
+        origin.latitude_deg, origin.longitude_deg, origin.amsl_m
+    )
     with pytest.raises(EventsError, match="NOT_AVAILABLE"):
         await drone.events.get_health_and_arming_checks_report()
 

@@ -33,11 +33,20 @@ def wait_for_failsafe(flight, each=lambda: None, limit_s=10.0):
 
 @pytest.mark.parametrize("kind", [Kind.OFF, Kind.STUCK, Kind.GARBAGE])
 @pytest.mark.parametrize("patience_s", [1.0, 5.0])
-def test_without_aiding_it_descends_after_noaid_tout(airborne, kind, patience_s):
+def test_without_aiding_it_descends_after_noaid_tout(airborne, kind, patience_s, px4_row):
     airborne.autopilot.set_parameter("EKF2_NOAID_TOUT", patience_s * 1e6)
     place = airborne.world.truth.position_ned_m
     lose(airborne, kind)
-    assert patience_s <= wait_for_failsafe(airborne) <= patience_s + STEP_S
+    took_s = wait_for_failsafe(airborne)
+    px4_row(
+        "Failsafes",
+        f"No aiding: flow {kind.name.lower()}",
+        f"EKF2_NOAID_TOUT = {patience_s * 1e6:g}",
+        f"{patience_s:g} s",
+        f"{took_s:.2f} s",
+        "land (a level descent)",
+    )
+    assert patience_s <= took_s <= patience_s + STEP_S
     assert airborne.status.mode is FlightMode.LAND
     assert airborne.said(LOST)
     assert airborne.said("Failsafe activated")
@@ -76,6 +85,18 @@ def test_with_vision_nothing_happens(airborne):
     assert math.dist(airborne.world.truth.position_ned_m, place) < 0.6
     airborne.autopilot.failures.inject(Unit.VISION, Kind.OFF)
     assert wait_for_failsafe(airborne, see) == pytest.approx(5.0, abs=0.15)
+
+
+def test_satellites_hold_the_place_where_flow_does_not(airborne):
+    autopilot, place = airborne.autopilot, airborne.world.truth.position_ned_m
+    autopilot.set_parameter("SYS_HAS_GPS", 1)
+    lose(airborne)
+    airborne.run(20.0)
+    assert airborne.status.mode is FlightMode.HOLD
+    assert autopilot.quality.absolute
+    assert math.dist(airborne.world.truth.position_ned_m[:2], place[:2]) < 1.0
+    autopilot.failures.inject(Unit.GPS, Kind.STUCK)
+    assert wait_for_failsafe(airborne) == pytest.approx(5.0, abs=0.25)
 
 
 @pytest.mark.parametrize(

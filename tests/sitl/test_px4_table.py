@@ -1,7 +1,6 @@
 """PX4 v1.17's rates and answers as a table: what was measured there, and what this vehicle does.
 
-``python -m pytest tests/sitl/test_px4_table.py tests/sitl/test_autopilot_reactions.py
---px4-table FILE`` writes what was measured.
+``python -m pytest tests/sitl --px4-table FILE`` writes what was measured, here and elsewhere.
 """
 
 import math

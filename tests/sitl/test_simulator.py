@@ -178,7 +178,7 @@ def test_an_injected_wind_outlives_a_change_of_parameters(airborne):
         return sum(state.euler_rad[1] for state in airborne.states[-100:]) / 100
 
     calm_rad = tilt_rad()
-    airborne.world.set_wind((3.0, 0.0, 0.0))
+    airborne.world.surroundings.wind_ned_m_s = (3.0, 0.0, 0.0)
     windy_rad = tilt_rad()
     airborne.autopilot.set_parameter("MC_ROLLRATE_K", 1.1)
     assert windy_rad > calm_rad + 0.05  # leans back against wind from behind
@@ -192,5 +192,5 @@ def test_parameters_of_the_plan_are_set_from_the_start_or_refused(make_flight):
     assert flight.autopilot.parameters["MIS_TAKEOFF_ALT"] == 1.25
     with pytest.raises(PlanError, match=r"sitl.parameters.MIS_TAKEOFF_ALTX: .* 'MIS_TAKEOFF_ALT'"):
         make_flight(settings=SitlSettings(parameters={"MIS_TAKEOFF_ALTX": 1.0}))
-    with pytest.raises(PlanError, match=r"sitl.parameters.COM_OBL_RC_ACT: allowed: 0 to 7"):
+    with pytest.raises(PlanError, match=r"sitl.parameters.COM_OBL_RC_ACT: 9: allowed: 0 to 7"):
         make_flight(settings=SitlSettings(parameters={"COM_OBL_RC_ACT": 9.0}))

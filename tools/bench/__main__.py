@@ -16,7 +16,10 @@ from threadpoolctl import threadpool_limits
 from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, EXIT_USAGE, CompanionError
 from tools.bench.harness import Row
 
-SUBJECTS = ("perception", "camera", "log", "quality", "flight", "process", "latency", "realtime")
+SUBJECTS = (
+    *("perception", "learning", "camera", "log", "quality"),
+    *("flight", "process", "latency", "realtime"),
+)
 """Modules beside this one, each with ``rows() -> Iterator[Row]``; slow ones last."""
 
 

@@ -58,10 +58,12 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-def race_s(calls: Sequence[Callable[[], object]], rounds: int) -> list[float]:
+def race_s(
+    calls: Sequence[Callable[[], object]], rounds: int, warm_up: int = WARM_UP
+) -> list[float]:
     """Median seconds of each call; the calls take turns, so that all meet the same noise."""
     for call in calls:
-        for _ in range(WARM_UP):
+        for _ in range(warm_up):
             call()
     times_s: list[list[float]] = [[] for _ in calls]
     for _ in range(rounds):
@@ -80,8 +82,9 @@ def race_row(
     unit: Literal["ms", "us"] = "ms",
     goal: float | None = None,
     rounds: int = 300,
+    warm_up: int = WARM_UP,
 ) -> Row:
     """A row of two calls that do the same work."""
     scale = {"ms": 1e3, "us": 1e6}[unit]
-    ours_s, theirs_s = race_s([call, baseline[1]], rounds)
+    ours_s, theirs_s = race_s([call, baseline[1]], rounds, warm_up)
     return Row.of(name, ours_s * scale, unit, (baseline[0], theirs_s * scale), goal=goal)

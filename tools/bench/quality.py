@@ -14,6 +14,7 @@ from companion.kernel.messages import FlightMode
 from sitl.arena.contact import RoomContact
 from sitl.arena.room import RoomSettings, build_room
 from sitl.autopilot.interface import OffboardSetpoint
+from sitl.faults import Faults, inject
 from sitl.settings import EstimatorSettings, SitlSettings
 from sitl.simulator import World
 from tools.bench.harness import Row
@@ -70,7 +71,7 @@ class Trial:
         self._until(lambda: autopilot.status.mode is FlightMode.HOLD)
         self.world.advance_to(self.world.time_s + 5.0)
         if wind_ned_m_s is not None:
-            self.world.set_wind(wind_ned_m_s)
+            inject(self.world, Faults(wind_ned_m_s=wind_ned_m_s))
 
     def hover(self) -> Series:
         """True distance from where it begins to hold, for HOVER_S, of shape (n,)."""

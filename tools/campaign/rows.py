@@ -47,6 +47,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     samples_learned: int | None = None
     flight_collisions: int | None = None
     minimum_clearance_m: float | None = None
+    camera_faults: int | None = None
+    """Named in flight, whether they were there or not."""
     sim_s: float | None = None
     wall_s: float | None = None
 
@@ -92,6 +94,7 @@ def row_of(flight: PlannedFlight, summary: Summary) -> Row:
         samples_learned=summary.samples_learned,
         flight_collisions=summary.collisions,
         minimum_clearance_m=summary.minimum_clearance_m,
+        camera_faults=summary.camera_faults,
         sim_s=summary.sim_s,
         wall_s=summary.wall_s,
     )

@@ -1,8 +1,10 @@
 """Runs a study on recordings and prints its table; the same command goes on where it ended.
 
 python -m tools.offline flightplans/studies/textons.toml RECORDING ... [--out DIR] [--json]
+python -m tools.offline flightplans/studies RECORDING ...
 
-A RECORDING is what companion learn takes, or a folder of them. Writes NAME.csv (a line per run),
+The second runs all studies of a folder. A RECORDING is what companion learn takes, or a folder of
+them. Writes NAME.csv (a line per run),
 NAME.json (means), NAME.png and NAME.svg. Images, λ, features and finished runs are kept in --cache.
 """
 
@@ -23,7 +25,7 @@ from tools.drawing import save_figure
 from tools.offline.figure import draw
 from tools.offline.run import run_study
 from tools.offline.store import find_recordings
-from tools.offline.study import load_study
+from tools.offline.study import Study, find_studies, load_study
 from tools.offline.table import (
     Provenance,
     Report,
@@ -37,13 +39,16 @@ COLUMNS = 160
 """That the table gets, however narrow the terminal."""
 
 
-def conduct(options: argparse.Namespace, words: Sequence[str]) -> tuple[Report, list[Path]]:
-    """Runs the study; returns what it found and the files that tell it. Raises CompanionError."""
-    study = load_study(options.study)
-    paths = find_recordings(options.recordings)
-    console = Console(stderr=True)
+def conduct(
+    study: Study, options: argparse.Namespace, words: Sequence[str]
+) -> tuple[Report, list[Path]]:
+    """Runs a study; returns what it found and the files that tell it. Raises CompanionError."""
     rows, recordings = run_study(
-        study, options.study.parent, paths, options.cache, options.workers, console
+        study,
+        find_recordings(options.recordings),
+        options.cache,
+        options.workers,
+        Console(stderr=True),
     )
     made = Provenance(
         command=shlex.join(["python", "-m", "tools.offline", *words]),
@@ -62,7 +67,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else argv
     options = _parser().parse_args(words)
     try:
-        report, files = conduct(options, words)
+        # All are read before the first is measured: a mistake shows at once.
+        for study in [load_study(path) for path in find_studies(options.study)]:
+            _show(*conduct(study, options, words), as_json=options.json)
     except CompanionError as error:
         print(f"offline: {error}", file=sys.stderr)
         return error.exit_code
@@ -72,12 +79,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("offline: stopped; the same command goes on from here", file=sys.stderr)
         return EXIT_FAILED
-    if options.json:
-        sys.stdout.write(encode(report).decode())
-        return EXIT_FLOWN
-    print_report(Console(width=max(Console().width, COLUMNS)), report)
-    print(*files, sep="\n")
     return EXIT_FLOWN
+
+
+def _show(report: Report, files: Sequence[Path], as_json: bool) -> None:
+    if as_json:
+        sys.stdout.write(encode(report).decode())
+        return
+    print_report(Console(width=max(Console().width, COLUMNS)), report)
+    print(*files, sep="\n", flush=True)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -86,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("study", type=Path, help="study file (TOML)")
+    parser.add_argument("study", type=Path, help="study file (TOML), or a folder of them")
     parser.add_argument("recordings", type=Path, nargs="+", metavar="RECORDING")
     parser.add_argument("--out", type=Path, help="default: logs/offline-STUDY")
     parser.add_argument("--cache", type=Path, default=Path("logs/offline-cache"))

@@ -2,12 +2,10 @@
 
 import math
 from collections.abc import Sequence
+from itertools import cycle
 from typing import NamedTuple
 
-import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
@@ -15,6 +13,8 @@ from matplotlib.ticker import NullLocator
 from tools.offline.study import SETTING
 from tools.offline.table import Point, Report, Side, Spread
 
+PALETTE = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"
+"""Wong's: told apart by colour-blind readers too."""
 FIT, UNSEEN = "--", "-"
 """Training and test set, as in the paper."""
 
@@ -32,6 +32,8 @@ MSE = Metric("mse_over_variance", "MSE / variance", (0.0, 1.6))
 """Beyond 1 the mean would have been the better answer; far beyond, it says no more. Deviations
 are not drawn: single sets that hardly vary would fill the figure."""
 AUC = Metric("auc", "AUC", (0.45, 1.01))
+BANDS = 3
+"""With more lines, bands would hide each other."""
 FPR = Metric("fpr", "FPR at TPR 0.96", (0.0, 1.0))
 
 
@@ -63,8 +65,7 @@ def _is_number(text: str) -> bool:
 
 
 def _colours(names: Sequence[str]) -> dict[str, str]:
-    shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(names)))
-    return {name: to_hex(shade) for name, shade in zip(names, shades, strict=True)}
+    return dict(zip(names, cycle(PALETTE), strict=False))
 
 
 def _draw_curves(points: Sequence[Point]) -> Figure:
@@ -81,6 +82,8 @@ def _draw_curves(points: Sequence[Point]) -> Figure:
             for name in names:
                 own = [p for p in points if p.split == split and p.name == name]
                 _draw_line(axes, metric, [p.n_learned for p in own], own, colours[name])
+                if len(names) <= BANDS:
+                    _draw_band(axes, metric, [p.n_learned for p in own], own, colours[name])
             axes.set_xscale("log")
             axes.set_xticks(sizes, [str(size) for size in sizes], minor=False)
             axes.xaxis.set_minor_locator(NullLocator())
@@ -104,6 +107,8 @@ def _draw_dimensions(points: Sequence[Point], question: str) -> Figure:
                 own = [p for p in points if p.dimension == dimension and _line_name(p) == name]
                 places = [labels.index(p.setting) for p in own]
                 _draw_line(axes, metric, places, own, colours[name])
+                if len(names) <= BANDS:
+                    _draw_band(axes, metric, places, own, colours[name])
             axes.set_xticks(range(len(labels)), [_short(label) for label in labels], fontsize=7)
             _finish(axes, metric)
         title = question if dimension == SETTING else _short(dimension)
@@ -154,14 +159,24 @@ def _draw_list(points: Sequence[Point]) -> Figure:
 def _draw_line(
     axes: Axes, metric: Metric, places: Sequence[float], points: Sequence[Point], colour: str
 ) -> None:
-    test = [metric.of(point.test) for point in points]
-    train = [metric.of(point.train).mean for point in points]
-    means, deviations = (np.array([getattr(s, n) for s in test]) for n in ("mean", "std"))
+    test, train = ([metric.of(s).mean for s in side] for side in _sides(points))
     axes.plot(places, train, FIT, color=colour, linewidth=1)
-    axes.plot(places, means, UNSEEN, color=colour, linewidth=1.5, marker="o", markersize=3)
-    if metric is not MSE:
-        low, high = means - deviations, means + deviations
-        axes.fill_between(places, low, high, color=colour, alpha=0.12, linewidth=0)
+    axes.plot(places, test, UNSEEN, color=colour, linewidth=1.5, marker="o", markersize=3)
+
+
+def _draw_band(
+    axes: Axes, metric: Metric, places: Sequence[float], points: Sequence[Point], colour: str
+) -> None:
+    """One deviation of the test set to both sides."""
+    if metric is MSE:
+        return
+    spreads = [metric.of(side) for side in _sides(points)[0]]
+    low, high = ([s.mean + sign * s.std for s in spreads] for sign in (-1.0, 1.0))
+    axes.fill_between(places, low, high, color=colour, alpha=0.12, linewidth=0)
+
+
+def _sides(points: Sequence[Point]) -> tuple[list[Side], list[Side]]:
+    return [point.test for point in points], [point.train for point in points]
 
 
 def _finish(axes: Axes, metric: Metric) -> None:

@@ -30,7 +30,6 @@ Rows = msgspec.json.Decoder(list[Row])
 
 def run_study(
     study: Study,
-    study_folder: Path,
     paths: Sequence[Path],
     cache: Path,
     workers: int,
@@ -42,7 +41,7 @@ def run_study(
     """
     recordings = [Stored(path, cache) for path in paths]
     sources = {variant.lab.dictionary for variant in study.variants} - {"flight", "pooled"}
-    dictionaries = {source: Stored(study_folder / source, cache) for source in sources}
+    dictionaries = {source: Stored(study.path.parent / source, cache) for source in sources}
     with _pool(workers) as pool, _bar(console) as bar:
         stereos = {variant.plan.stereo for variant in study.variants}
         everything = [*recordings, *dictionaries.values()]

@@ -74,9 +74,23 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Study(msgspec.Struct, frozen=True):
-    name: str
+    """All that a study file says."""
+
+    path: Path
     settings: StudySettings
     variants: tuple[Variant, ...]
+
+    @property
+    def name(self) -> str:
+        return self.path.stem
+
+
+def find_studies(path: Path) -> list[Path]:
+    """The file itself, or the studies in a folder. Raises PlanError where it has none."""
+    found = sorted(path.glob("*.toml")) if path.is_dir() else [path]
+    if not found:
+        raise PlanError(f"{path}: no study (*.toml) in this folder")
+    return found
 
 
 def load_study(path: Path) -> Study:
@@ -90,7 +104,7 @@ def load_study(path: Path) -> Study:
     for key in keys:
         if keys.count(key) > 1:
             raise PlanError(f"{path}: two variants are called {' '.join(filter(None, key))!r}")
-    return Study(path.stem, settings, variants)
+    return Study(path, settings, variants)
 
 
 def _variants(settings: StudySettings, path: Path) -> Iterator[Variant]:

@@ -1,7 +1,7 @@
 """What a study found: a row per run, and their means by variant, split and size."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -78,24 +78,45 @@ class Report(msgspec.Struct, frozen=True):
 
 
 def summarise(rows: Sequence[Row]) -> tuple[Point, ...]:
-    """Means and deviations over folds and seeds, in the order of the rows."""
-    groups: dict[tuple[str, str, str, str, int], list[Row]] = {}
+    """Means and deviations over folds and seeds, in the order of the rows.
+
+    A fold that has fewer samples than others counts with all it has: every mean is of all folds.
+    """
+    variants: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
-        key = row.learner, row.dimension, row.setting, row.split, row.size
-        groups.setdefault(key, []).append(row)
-    return tuple(
-        Point(
-            learner=group[0].learner,
-            dimension=group[0].dimension,
-            setting=group[0].setting,
-            split=group[0].split,
-            size=group[0].size,
-            n_learned=float(np.mean([row.n_learned for row in group])),
-            runs=len(group),
-            train=_side([row.train for row in group]),
-            test=_side([row.test for row in group]),
-        )
-        for group in groups.values()
+        key = row.learner, row.dimension, row.setting, row.split
+        variants.setdefault(key, []).append(row)
+    return tuple(point for group in variants.values() for point in _curve(group))
+
+
+def _curve(rows: Sequence[Row]) -> Iterator[Point]:
+    """One variant on one split, by size."""
+    runs: dict[tuple[int, int], list[Row]] = {}
+    for row in rows:
+        runs.setdefault((row.fold, row.seed), []).append(row)
+    before: list[Row] = []
+    for size in sorted({row.size for row in rows}, key=lambda size: size or math.inf):
+        group = [_at(size, run) for run in runs.values()]
+        if group != before:
+            yield _point(size, group)
+        before = group
+
+
+def _at(size: int, run: Sequence[Row]) -> Row:
+    return next((row for row in run if row.size == size), run[-1])
+
+
+def _point(size: int, group: Sequence[Row]) -> Point:
+    return Point(
+        learner=group[0].learner,
+        dimension=group[0].dimension,
+        setting=group[0].setting,
+        split=group[0].split,
+        size=size,
+        n_learned=float(np.mean([row.n_learned for row in group])),
+        runs=len(group),
+        train=_side([row.train for row in group]),
+        test=_side([row.test for row in group]),
     )
 
 

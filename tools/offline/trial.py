@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from companion.features import Features, Grey
 from companion.kernel.errors import RecordingError
-from companion.learn import WANTED_TPR
 from companion.learner import Learner
+from companion.learning_report import WANTED_TPR
 from companion.performance import OnlinePerformance, roc_curve
 from companion.stereo import StereoMatcher
 from tools.offline.features import KeptFeatures

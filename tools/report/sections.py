@@ -67,6 +67,7 @@ def _outcome(flight: ReportedFlight) -> str:
         ("scheme", summary.scheme),
         ("flight time", f"{summary.sim_s:.0f} s, {summary.frames} frames"),
         ("frames dropped", str(summary.frames_dropped)),
+        ("camera faults", str(summary.camera_faults)),
         ("samples learned", str(summary.samples_learned)),
         ("collisions", "unknown" if summary.collisions is None else str(summary.collisions)),
         ("least clearance", "unknown" if clearance is None else f"{clearance:.2f} m"),

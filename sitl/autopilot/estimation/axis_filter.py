@@ -1,6 +1,9 @@
 """One axis of dead reckoning, mended: a Kalman filter of its error and of how fast that grows."""
 
 import math
+from typing import Final
+
+_LEAST: Final = 1e-12  # variance that rounding may leave of a large one
 
 
 class AxisFilter:
@@ -75,6 +78,6 @@ class AxisFilter:
         """``to_*``: covariances of the states with what was measured."""
         self.offset += to_offset * share
         self.rate += to_rate * share
-        self.variance -= to_offset * to_offset / spread
+        self.variance = max(_LEAST, self.variance - to_offset * to_offset / spread)
         self._covariance -= to_offset * to_rate / spread
-        self.rate_variance -= to_rate * to_rate / spread
+        self.rate_variance = max(_LEAST, self.rate_variance - to_rate * to_rate / spread)

@@ -1,4 +1,4 @@
-"""External vision: poses and velocities of a client mend what dead reckoning gets wrong.
+"""External vision, or satellites: what is seen from outside mends dead reckoning.
 
 As PX4's EKF2 does it: EKF2_EV_CTRL chooses what is used, EKF2_EV_DELAY says how old samples are,
 EKF2_EVP_NOISE, EKF2_EVV_NOISE and EKF2_EVA_NOISE bound the noise that they claim from below,
@@ -17,6 +17,7 @@ from sitl.autopilot.estimation.vision_intake import MEMORY_S, VisionIntake
 from sitl.autopilot.estimation.vision_sample import Measured, VisionSample
 from sitl.autopilot.interface import Estimate
 from sitl.autopilot.parameters import Number
+from sitl.sensors.receiver import Fix
 
 _QUIET_S: Final = 1.0  # without a usable sample for this long vision has stopped
 _YAW_GATE: Final = 5.0  # standard deviations
@@ -27,7 +28,9 @@ _LEVEL_WALK: Final = 0.02
 _DOWN_WALK: Final = 0.01
 _YAW_WALK: Final = 0.002
 _RATE_TIME_S: Final = 10.0
+_VAGUEST: Final = 1e4  # the greatest variance that a client may claim
 _HASTE: Final = 5.0  # without optical flow velocity is wrong by an integral of the tilt's error
+_FIX_BIT = 1  # of EKF2_GPS_CTRL; that of velocity is 4 as well
 _LEVEL_BIT, _DOWN_BIT, _VELOCITY_BIT, _YAW_BIT = 1, 2, 4, 8  # of EKF2_EV_CTRL
 
 
@@ -70,12 +73,19 @@ class ExternalVision:
         self._level_use, self._height_use = _Use(), _Use()
         self._velocity_use, self._yaw_use = _Use(), _Use()
         self._flow = True
+        self._fix: Fix | None = None
+        self._fix_used_s = -math.inf
         self._height_bias_m = 0.0
         self._reset_counter = 0
 
     @property
     def level_used_s(self) -> float:
         """When position or velocity on the level was last mended."""
+        return max(self._seen_s, self._fix_used_s)
+
+    @property
+    def _seen_s(self) -> float:
+        """The same, by vision alone."""
         return max(self._level_use.used_s, self._velocity_use.used_s)
 
     @property
@@ -97,6 +107,12 @@ class ExternalVision:
             self.begun = True
             self._intake.take(sample, now_s)
 
+    def take_fix(self, fix: Fix) -> None:
+        """Of satellites: EKF2_GPS_CTRL's level position and velocity; vision goes before it."""
+        if self._parameters["EKF2_GPS_CTRL"]:
+            self.begun = True
+            self._fix = fix
+
     def update(self, raw: Estimate, step_s: float, flow: bool) -> Estimate:
         """The dead-reckoned estimate, mended. ``flow``: its velocity is measured as well."""
         self._past.append(raw)
@@ -110,6 +126,9 @@ class ExternalVision:
         self.yaw.predict(step_s)
         for measured in self._intake.drain(self._mended(raw)):
             self._fuse(measured, raw)
+        if self._fix is not None:
+            self._fuse_fix(self._fix, raw)
+            self._fix = None
         return self._mended(raw)
 
     def shift_velocity(self, north_m_s: float, east_m_s: float) -> None:
@@ -226,6 +245,23 @@ class ExternalVision:
                 axis.fuse_rate(error, variance)
             self._velocity_use.used_s = now_s
 
+    def _fuse_fix(self, fix: Fix, raw: Estimate) -> None:
+        """Satellites know where home is, so that nothing jumps to what they see."""
+        if raw.time_s - self._seen_s < _QUIET_S:
+            return
+        wanted = int(self._parameters["EKF2_GPS_CTRL"])
+        place = self._parameters["EKF2_GPS_P_NOISE"] ** 2, self._parameters["EKF2_GPS_P_GATE"]
+        speed = self._parameters["EKF2_GPS_V_NOISE"] ** 2, self._parameters["EKF2_GPS_V_GATE"]
+        for number, axis in enumerate((self.north, self.east)):
+            error_m = raw.position_ned_m[number] - fix.position_ned_m[number]
+            error_m_s = raw.velocity_ned_m_s[number] - fix.velocity_ned_m_s[number]
+            if wanted & _FIX_BIT and axis.offset_ratio(error_m, 0.0, *place) <= 1.0:
+                axis.fuse_offset(error_m, 0.0, place[0])
+                self._fix_used_s = raw.time_s
+            if wanted & _VELOCITY_BIT and axis.rate_ratio(error_m_s, *speed) <= 1.0:
+                axis.fuse_rate(error_m_s, speed[0])
+                self._fix_used_s = raw.time_s
+
     # -- small questions -----------------------------------------------------------------------
 
     @property
@@ -239,7 +275,8 @@ class ExternalVision:
         """The variance that a client claims, but no less than the parameter's."""
         least = self._parameters[name] ** 2
         by_message = self._parameters["EKF2_EV_NOISE_MD"] == 0
-        return max(least, claimed) if by_message and claimed < math.inf else least
+        believed = by_message and claimed == claimed  # not NaN
+        return max(least, min(claimed, _VAGUEST)) if believed else least
 
     def _past_at(self, time_s: float) -> Estimate:
         """Dead reckoning at that time, from the update before it."""

@@ -75,22 +75,16 @@ class VisionIntake:
                 self._turn_rad = wrap_angle_rad(now.yaw_rad - euler[2])
             turn_rad = self._turn_rad
         yaw_rad = NAN if euler is None else wrap_angle_rad(euler[2] + turn_rad)
-        velocity = sample.velocity_m_s
-        if sample.velocity_in_body:
+        velocity = _usable(sample.velocity_m_s, _FASTEST_M_S)
+        if sample.velocity_in_body and velocity is not NAN3:
             roll, pitch, _ = euler or (now.roll_rad, now.pitch_rad, now.yaw_rad)
             heading = now.yaw_rad if euler is None else yaw_rad
             north, east, down = matrix_from_euler(roll, pitch, heading) @ velocity
             velocity = float(north), float(east), float(down)
         else:
             velocity = _turned(velocity, turn_rad)
-        position = _turned(sample.position_m, turn_rad)
-        return Measured(
-            time_s,
-            position if _all_below(position, _FARTHEST_M) else NAN3,
-            velocity if _all_below(velocity, _FASTEST_M_S) else NAN3,
-            yaw_rad,
-            sample,
-        )
+        position = _turned(_usable(sample.position_m, _FARTHEST_M), turn_rad)
+        return Measured(time_s, position, velocity, yaw_rad, sample)
 
 
 def _turned(vector: Vector3, turn_rad: float) -> Vector3:
@@ -99,6 +93,6 @@ def _turned(vector: Vector3, turn_rad: float) -> Vector3:
     return (*ned_from_hfrd(vector[0], vector[1], turn_rad), vector[2])
 
 
-def _all_below(vector: Vector3, limit: float) -> bool:
-    """False for NaN as well."""
-    return all(abs(value) <= limit for value in vector)
+def _usable(vector: Vector3, limit: float) -> Vector3:
+    """NaN unless all axes are numbers, and within the limit."""
+    return vector if all(abs(value) <= limit for value in vector) else NAN3

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from pathlib import Path
 
 import pytest
 
@@ -90,9 +91,16 @@ def test_two_processes_find_the_same_as_one(words, told, place):
     assert told("two")["points"] == told("one")["points"]
 
 
-def test_json_goes_to_stdout(words, capsys):
-    assert main([*words(), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["study"] == "study"
+def test_all_studies_of_a_folder_go_to_stdout_as_json(words, capsys):
+    """Those that were run before are not measured again."""
+    study, *others = words()
+    words(LEARNERS, name="another.toml")
+    assert main([str(Path(study).parent), *others, "--json"]) == 0
+    printed = capsys.readouterr().out
+    first, end = json.JSONDecoder().raw_decode(printed)
+    second = json.loads(printed[end:])
+    assert (first["study"], second["study"]) == ("another", "study")
+    assert first["points"] == second["points"]
 
 
 DIMENSIONS = """

@@ -7,7 +7,7 @@ import pytest
 
 from companion.kernel.errors import PlanError
 from tools.offline.splits import SplitSettings
-from tools.offline.study import LabSettings, StudySettings, load_study
+from tools.offline.study import LabSettings, StudySettings, find_studies, load_study
 
 FOLDER = Path(__file__).parents[3] / "flightplans" / "studies"
 
@@ -94,3 +94,9 @@ def test_every_key_is_documented():
         for field in msgspec.structs.fields(kind):
             forms = f"`{field.name}`", f".{field.name}`", f"[{field.name}]"
             assert any(form in section for form in forms), field.name
+
+
+def test_a_folder_without_studies_is_told(tmp_path):
+    with pytest.raises(PlanError, match="no study"):
+        find_studies(tmp_path)
+    assert len(find_studies(FOLDER)) == 6

@@ -1,0 +1,62 @@
+"""The matrix of faults: what is stated before flying is what the table holds flights against."""
+
+import csv
+
+import pytest
+
+from tools.faults.__main__ import main
+from tools.faults.cases import CASES, MAVLINK_ONLY, Outcome, events_of
+from tools.faults.results import Flown, table
+
+
+def test_every_fault_has_a_name_of_its_own_and_an_outcome_that_may_be_wanted():
+    names = [case.name for case in (*CASES, *MAVLINK_ONLY)]
+    assert len(set(names)) == len(names)
+    wanted = {case.expected for case in CASES}
+    assert wanted <= {Outcome.FLIES, Outcome.HOLDS, Outcome.LANDS, Outcome.REFUSES}
+
+
+def test_a_fault_comes_at_its_moment_and_goes_when_it_passes():
+    (case,) = (case for case in CASES if case.name == "link lost for 5 s")
+    cut, clear = events_of(case, "learning")
+    assert (cut["link_loss_norm"], clear["link_loss_norm"]) == (1.0, 0.0)
+    assert clear["at_s"] - cut["at_s"] == 5.0
+    assert cut["at_s"] == 30.0  # take-off, and 20 s of flight
+
+
+def flown(**changes):
+    fields = {
+        **{"way": "lockstep", "case": "none", "moment": "test", "room": "room1", "seed": 1},
+        **{"expected": Outcome.FLIES, "observed": Outcome.FLIES, "collisions": 0, "lost_s": 0.2},
+    }
+    return Flown(**(fields | changes))
+
+
+def test_the_table_counts_what_went_otherwise():
+    rows = [
+        flown(),
+        flown(observed=Outcome.FLIES_AWAY, collisions=2),
+        flown(observed=Outcome.LANDS, lost_s=1.5),
+        flown(way="mavlink", moment="initial"),
+    ]
+    assert [row.good for row in rows] == [True, False, False, True]
+    _, _, first, second = table(rows)
+    assert first == ("| none | test | keeps flying | 3 | 33% | 1 flies away, 1 lands | 2 | 1 | 1 |")
+    assert second == "| none | initial, over MAVLink | keeps flying | 1 | 100% | – | 0 | 0 | 0 |"
+
+
+@pytest.mark.parametrize("fault", ["disk full", "model spoilt at start"])
+def test_a_fault_is_flown_and_noted(tmp_path, capsys, fault):
+    words = ["--seeds", "1", "--mavlink-seeds", "0", "--rooms", "room1", "--workers", "1"]
+    assert main([*words, "--only", fault, "--out", str(tmp_path)]) == 0
+    with (tmp_path / "faults.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert (row["case"], row["as_expected"], row["collisions"]) == (fault, "True", "0")
+    assert float(row["lost_s"]) < 1.0
+    assert capsys.readouterr().out.splitlines()[-1] == "1 flights, 0 not as they should be"
+
+
+def test_what_is_not_as_expected_is_exit_code_1(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("tools.faults.__main__._fly_all", lambda *_: [flown(collisions=1)])
+    assert main(["--mavlink-seeds", "0", "--out", str(tmp_path)]) == 1
+    assert "faults: 1 flights not as they should be" in capsys.readouterr().err

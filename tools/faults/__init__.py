@@ -1,0 +1,1 @@
+"""Faults, when they come and where: what is expected of each, and what came of it."""
