@@ -40,7 +40,8 @@ def test_one_eye_compares_the_papers_design_with_one_that_minds_its_doubts():
     doubting, paper = (campaign.flights[index].plan for index in (0, 2))
     assert campaign.groups == ("doubting", "paper")
     assert doubting.room == paper.room
-    assert not doubting.experiment.test_override and not paper.experiment.test_override
+    assert not doubting.experiment.test_override
+    assert not paper.experiment.test_override
     assert (paper.learner.preset, paper.learner.caution_std) == ("paper", 0.0)
     assert paper.learner.fixed_threshold_px(paper.behaviour.turn_threshold_px) == 2.6
     assert not paper.behaviour.speed_by_certainty
