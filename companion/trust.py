@@ -51,9 +51,9 @@ class TrustSettings(Settings, frozen=True):
     flies it turns at once, so that all that is seen is whether mono was silent until then."""
     slack: Annotated[float, Meta(ge=1)] = 2.0
     """Trust once given lasts until a limit is missed by this factor."""
-    recent_s: Positive = 5.0
+    recent_s: Positive = 10.0
     """The last seconds, which tell of sudden changes."""
-    recent_error_norm: Positive = 2.0
+    recent_error_norm: Positive = 0.7
     """Mean square error of the last seconds over the variance in the window: at most."""
     novelty: Positive = 1.5
     """Mean novelty of the last seconds: at most. Only asked where stereo cannot tell."""

@@ -6,7 +6,7 @@ import math
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.kernel.messages import BehaviourState, Percept, TrustFigures, TrustStatus
@@ -31,9 +31,9 @@ GOOD = TrustFigures(
     collision_probability=0.001,
     novelty=0.5,
 )
-MISSES = {"error_norm": 1.1, "recent_error_norm": 4.1, "auc": 0.79, "collision_probability": 0.41}
+MISSES = {"error_norm": 1.1, "recent_error_norm": 1.5, "auc": 0.79, "collision_probability": 0.41}
 """Each misses its limit by more than the slack."""
-DOUBTS = {"error_norm": 0.9, "recent_error_norm": 3.0, "auc": 0.88, "collision_probability": 0.3}
+DOUBTS = {"error_norm": 0.9, "recent_error_norm": 1.0, "auc": 0.88, "collision_probability": 0.3}
 """Each misses its limit, but not by the slack."""
 
 
@@ -133,6 +133,11 @@ def blind(stereo_px, frame):
     return 2.5 + 0.3 * math.sin(frame)
 
 
+def wrong(stereo_px, frame):
+    """One that calls a clear way blocked."""
+    return 5.0
+
+
 def test_an_estimate_earns_trust_by_flying_well():
     story = Story()
     assert story.fly(2, nothing) is UNTRAINED
@@ -147,12 +152,13 @@ def test_an_estimate_that_knows_nothing_never_earns_trust():
     assert Story().fly(40, blind) is LEARNING
 
 
-def test_trust_is_lost_within_seconds_of_another_room_and_earned_anew():
+@pytest.mark.parametrize(("estimate", "within_s"), [(wrong, 20), (blind, 90)])
+def test_trust_is_lost_in_another_room_and_earned_anew(estimate, within_s):
     story = Story()
     story.fly(12, good)
     before = story.frames
-    assert story.fly(6, blind) is STALE
-    assert story.statuses.index(STALE) - before < 30 * RATE_HZ
+    assert story.fly(12, estimate) is STALE
+    assert story.statuses.index(STALE) - before < within_s * RATE_HZ
     assert story.fly(4, good) is STALE
     assert story.fly(16, good) is TRUSTED
 
@@ -170,7 +176,7 @@ def test_without_stereo_novelty_takes_trust_and_nothing_gives_it_back():
 def test_a_short_scare_changes_nothing():
     story = Story(confirm_s=10.0)
     story.fly(14, good)
-    story.fly(1, lambda stereo_px, frame: 9.0 if frame % 80 < 20 else stereo_px)
+    story.fly(1, lambda stereo_px, frame: 6.0 if frame % 80 < 10 else stereo_px)
     assert STALE not in story.statuses
 
 
@@ -186,6 +192,7 @@ def test_the_figures_are_those_of_the_window():
     assert figures.auc > 0.99
 
 
+@settings(deadline=None)
 @given(
     st.lists(
         st.tuples(

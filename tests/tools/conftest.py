@@ -84,10 +84,10 @@ def _write_frame(log, stamp_ns, moment, truth):
 
 @pytest.fixture
 def invent(tmp_path):
-    """``invent(moments, name=..., scheme=..., truth=...)``: the path of a flight's log."""
+    """``invent(moments, name=..., scheme=..., truth=..., TABLE=...)``: the path of its log."""
 
-    def write(moments, name="flight", scheme="training_wheels", truth=True):
-        plan = {"room": "room1", "experiment": {"scheme": scheme}}
+    def write(moments, name="flight", scheme="training_wheels", truth=True, **tables):
+        plan = {"room": "room1", "experiment": {"scheme": scheme}, **tables}
         folder = tmp_path / "logs" / name
         folder.mkdir(parents=True)
         path = folder / "flight.mcap"

@@ -35,6 +35,18 @@ def test_the_shipped_campaigns_are_the_papers(name, groups, count):
         assert seeds == list(range(1, count // len(groups) + 1))
 
 
+def test_one_eye_compares_the_papers_design_with_one_that_minds_its_doubts():
+    campaign = load_campaign(FOLDER / "one_eye.toml", runs=2)
+    doubting, paper = (campaign.flights[index].plan for index in (0, 2))
+    assert campaign.groups == ("doubting", "paper")
+    assert doubting.room == paper.room
+    assert not doubting.experiment.test_override
+    assert not paper.experiment.test_override
+    assert (paper.learner.preset, paper.learner.caution_std) == ("paper", 0.0)
+    assert paper.learner.fixed_threshold_px(paper.behaviour.turn_threshold_px) == 2.6
+    assert not paper.behaviour.speed_by_certainty
+
+
 def test_room1_and_room2_differ_in_nothing_but_the_room():
     campaign = load_campaign(FOLDER / "rooms.toml", runs=1)
     own = load_campaign(FOLDER / "rooms.toml", runs=1).flights[1].plan
