@@ -71,7 +71,12 @@ class Approach(NamedTuple):
         return self.rate_hz / self.speed_m_s
 
     def positives_until(self, distance_m: float) -> int:
-        """Samples from the first positive one until the obstacle is this near; at least one."""
+        """Samples from the first positive one until the obstacle is this near; at least one.
+
+        One for a vehicle that hovers, which approaches nothing.
+        """
+        if not self.speed_m_s:
+            return 1
         first_m = self.disparity_metre_px / self.positive_threshold_px
         return max(1, math.floor((first_m - distance_m) / self.speed_m_s * self.rate_hz))
 
