@@ -39,12 +39,12 @@ class Perception:
         self._spread = SpreadScale()
         self._eye: str = learner.settings.eye
 
-    def see(self, frame: StereoFrame, arrived_s: float = math.nan) -> Seen:
+    def see(self, frame: StereoFrame, *arrived_s: float) -> Seen:
         """Before anything is learned from it: estimates stay prequential.
 
         See CameraHealth.look. Raises CameraError for a frame of the wrong size.
         """
-        usable = self._health.look(frame, arrived_s)
+        usable = self._health.look(frame, *arrived_s)
         stereo = self._match(frame, usable)
         image = self._image(frame, usable)
         features = None if image is None else self._learner.observe(image)

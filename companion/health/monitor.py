@@ -62,9 +62,9 @@ class CameraHealth:
         self._available = Availability()
         self._told = State()
 
-    def look(self, frame: StereoFrame, arrived_s: float = math.nan) -> Look:
-        """``arrived_s``: when the frame came, on any clock; NaN where nobody knows."""
-        self._timing_sign = self._clock.tick(frame, arrived_s)
+    def look(self, frame: StereoFrame, *arrived_s: float) -> Look:
+        """``arrived_s``: when the frame came, by each clock that there is (see FrameClock)."""
+        self._timing_sign = self._clock.tick(frame, *arrived_s)
         left, right = self._eyes.look(frame.left, frame.right, self._clock.period_s)
         for place, sign in (("left", left), ("right", right), ("timing", self._timing_sign)):
             self._places[place].update(sign, self._clock.period_s)

@@ -23,17 +23,23 @@ class FrameClock:
         self.period_s = 0.0
         """From the last frame to this one."""
         self.late_s = 0.0
-        """How much longer than the promptest one this frame took; 0 where nobody knows."""
+        """How much longer than the promptest one this frame took, by the clock that says least; 0
+        where nobody knows."""
         self._started = False
-        self._promptest_s = math.inf
+        self._promptest_s: dict[int, float] = {}
+        """By clock."""
 
-    def tick(self, frame: StereoFrame, arrived_s: float) -> Sign | None:
-        """One frame on. ``arrived_s`` is any clock's time, NaN where nobody knows."""
+    def tick(self, frame: StereoFrame, *arrived_s: float) -> Sign | None:
+        """One frame on. ``arrived_s``: when it came, by one clock or several that do not depend on
+        each other; NaN where one does not know.
+        """
         step_s = (frame.stamp_ns - self.stamp_ns) * 1e-9 if self._started else math.nan
         self._started, self.stamp_ns = True, frame.stamp_ns
         # A stamp that stands still is a fault that must count for something.
         self.period_s = min(step_s, LONGEST_PERIOD_S) if step_s > 0.0 else self.period_s
-        self._be_late(arrived_s - frame.stamp_ns * 1e-9)
+        stamp_s = frame.stamp_ns * 1e-9
+        late_s = [self._late_s(number, now_s - stamp_s) for number, now_s in enumerate(arrived_s)]
+        self.late_s = min(late_s, default=0.0)
         if step_s <= 0.0:
             text = f"stamp {-step_s:.3f} s behind the last one"
             return Sign(CameraFault.DESYNCHRONISED, text)
@@ -44,9 +50,9 @@ class FrameClock:
             return Sign(CameraFault.LATE, f"{self.late_s:.2f} s late")
         return None
 
-    def _be_late(self, delay_s: float) -> None:
+    def _late_s(self, clock: int, delay_s: float) -> float:
         if math.isnan(delay_s):
-            self.late_s = 0.0
-            return
-        self._promptest_s = min(self._promptest_s + CLOCKS_APART * self.period_s, delay_s)
-        self.late_s = delay_s - self._promptest_s
+            return 0.0
+        before_s = self._promptest_s.get(clock, math.inf) + CLOCKS_APART * self.period_s
+        self._promptest_s[clock] = min(before_s, delay_s)
+        return delay_s - self._promptest_s[clock]

@@ -94,6 +94,22 @@ def test_a_frame_is_late_against_the_promptest_on_any_clock(late_s):
     assert (sign is not None) == (late_s > 0.2)
 
 
+@pytest.mark.parametrize(
+    "arrivals_s",
+    [
+        lambda stamp_s: (2 * stamp_s, stamp_s),  # a simulator that runs at half its speed
+        lambda stamp_s: (stamp_s, stamp_s - (stamp_s < 2.0)),  # a link that lagged by a second
+        lambda stamp_s: (stamp_s, math.nan),
+    ],
+)
+def test_a_frame_is_late_only_where_all_clocks_say_so(arrivals_s):
+    clock = FrameClock()
+    for number in range(50):
+        frame = StereoFrame(number * 10**8, GREY, GREY)
+        assert clock.tick(frame, *arrivals_s(number * 0.1)) is None
+    assert clock.late_s == pytest.approx(0.0, abs=0.01)
+
+
 def test_clocks_may_drift_apart():
     """100 parts in a million for an hour are a third of a second."""
     clock = FrameClock()
