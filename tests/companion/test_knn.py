@@ -34,7 +34,7 @@ def test_equals_an_exhaustive_search(samples):
     assert_allclose(KNNRegressor(5).fit(X, y).predict(queries), expected.predict(queries))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(cuts=st.lists(st.integers(0, 700), max_size=8))
 def test_learning_in_pieces_equals_learning_at_once(cuts):
     rng = np.random.default_rng(3)

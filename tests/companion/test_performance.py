@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from sklearn.metrics import roc_auc_score
 
@@ -27,7 +27,6 @@ def split(samples):
 
 
 @given(pairs)
-@settings(deadline=None)
 def test_auc_equals_scikit_learns(samples):
     scores, labels, positive = split(samples)
     assume(positive.any() and not positive.all())

@@ -148,8 +148,6 @@ def fuzz(request, tmp_path, record_property):
 def _with_hypothesis(target, seeds):
     @settings(
         max_examples=EXAMPLES,
-        deadline=None,
-        derandomize=True,
         database=None,
         suppress_health_check=list(HealthCheck),
     )

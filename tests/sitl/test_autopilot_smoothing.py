@@ -13,7 +13,7 @@ LIMITS = st.floats(0.5, 5.0)
 JERKS = st.floats(2.0, 40.0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(start=SPEEDS, target=SPEEDS, rise=LIMITS, fall=LIMITS, jerk=JERKS)
 def test_one_axis(start, target, rise, fall, jerk):
     reference = SmoothSpeed(STEP_S)
@@ -30,7 +30,7 @@ def test_one_axis(start, target, rise, fall, jerk):
     assert furthest < 0.05
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(target=st.tuples(SPEEDS, SPEEDS), turn=st.floats(-3.0, 3.0), limit=LIMITS, jerk=JERKS)
 def test_the_plane_has_no_faster_direction(target, turn, limit, jerk):
     """Turning the target turns the whole reference with it."""

@@ -64,7 +64,7 @@ def test_corner_of_a_box_pushes_along_the_diagonal():
     np.testing.assert_allclose(normal, np.full(3, -1.0) / math.sqrt(3.0))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(anywhere)
 def test_following_the_normal_back_ends_on_the_surface(point):
     distance_m, normal = CONTACT.nearest(point)
@@ -74,7 +74,7 @@ def test_following_the_normal_back_ends_on_the_surface(point):
     assert CONTACT.nearest(at_surface)[0] == pytest.approx(0.0, abs=1e-6)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(anywhere, anywhere)
 def test_distance_changes_no_faster_than_the_point_moves(one, other):
     difference_m = CONTACT.nearest(one)[0] - CONTACT.nearest(other)[0]

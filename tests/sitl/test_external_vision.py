@@ -269,7 +269,7 @@ def test_a_frame_without_north_is_turned_as_it_first_appears(drifting):
     assert abs(drifting.flight.autopilot.estimate.yaw_rad) < math.radians(0.5)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-5.0, 5.0), st.floats(-0.3, 0.3), st.floats(0.0, 0.2), st.integers(0, 2**32 - 1))
 def test_the_filter_finds_offset_and_rate_that_were_planted(offset, rate, lag_s, seed):
     rng, axis = np.random.default_rng(seed), AxisFilter(0.02, 10.0)
@@ -288,7 +288,7 @@ ANY = st.one_of(st.floats(), st.floats(-3.0, 3.0))
 ANY3 = st.tuples(ANY, ANY, ANY)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.lists(
         st.builds(

@@ -181,7 +181,6 @@ streams = st.lists(
 
 @settings(
     max_examples=25,
-    deadline=None,  # a busy host is no failure
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(streams)

@@ -73,7 +73,7 @@ def clearance_m(position, rays, depth_m):
     return distance
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(poses)
 def test_every_ray_ends_on_a_surface_and_passes_through_none(camera, pose):
     position, ned_from_frd = pose[:3], matrix_from_euler(*pose[3:])

@@ -61,7 +61,7 @@ def test_a_file_cut_off_anywhere_loses_at_most_the_row_it_was_cut_in(flights, tm
     whole = path.read_bytes()
 
     @given(st.integers(0, len(whole)))
-    @settings(max_examples=60, deadline=None)
+    @settings(max_examples=60)
     def resume_after(cut_bytes):
         path.write_bytes(whole[:cut_bytes])
         kept = max(whole[:cut_bytes].count(b"\n") - 1, 0)

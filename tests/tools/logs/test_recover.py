@@ -46,7 +46,7 @@ def messages(path):
         ]
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(data=st.data())
 def test_cut_anywhere_no_whole_chunk_is_lost(whole, chunks, tmp_path_factory, data):
     content = whole.read_bytes()
@@ -66,7 +66,7 @@ def test_cut_anywhere_no_whole_chunk_is_lost(whole, chunks, tmp_path_factory, da
     assert messages(out) == messages(whole)[:readable]
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(data=st.data())
 def test_damaged_anywhere_it_never_crashes_nor_invents(whole, tmp_path_factory, data):
     content = bytearray(whole.read_bytes())
