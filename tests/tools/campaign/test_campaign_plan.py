@@ -116,7 +116,7 @@ def test_a_flight_brings_its_room_with_pictures(tmp_path, campaign_file):
         ("[matrix]\nroom = ['office', 'office']", "two kinds of flight are called 'office'"),
         ("[matrix]\nexperiment.schemes = ['dagger']", "experiment.schemes: unknown key; did you"),
         ("[matrix]\nexperiment.scheme = ['no']", "no: .*allowed: pure_stereo, cold_turkey"),
-        ("[matrix]\nroom = ['cellar']", "cellar.toml does not exist; rooms here: corridor, office"),
+        ("[matrix]\nroom = ['cellar']", "cellar.toml does not exist; rooms here: corridor, "),
         ("[set]\nseed = 3", "set: seed: not here; first_seed and runs say which seeds are flown"),
         ("[set]\nsitl.wind = 3", "sitl: wind: unknown key"),
         ("[set]\nlearner.dictionary = 'no.npz'", "learner.dictionary: .*no.npz: no such file"),
