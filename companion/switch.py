@@ -100,20 +100,23 @@ class Switch:
         """``looks_ahead``: the behaviour would act on this frame's obstacle (see Behaviour).
 
         Where stereo is not available, only an estimate that is trusted flies, and nothing
-        overrides it.
+        overrides it; but in a test without override mono shall show what it can do.
         """
+        scheduled = self._scheduled_cue(phase)
+        alone = scheduled is Cue.MONO and phase is Phase.TEST and self._without_override
+        if alone and (available.left or available.right):
+            self.overriding = False
+            return _mono_choice(percept, thresholds)
         if not available.stereo:
             self.overriding = False
             return _on_one_eye(percept, thresholds, available, trust)
-        scheduled = self._scheduled_cue(phase)
         if scheduled is Cue.FUSED:
             self.overriding = False
             return _choice(Cue.FUSED, False, percept.fused_px, thresholds.stereo_px)
-        alone = scheduled is Cue.MONO and phase is Phase.TEST and self._without_override
-        if scheduled is Cue.STEREO or (math.isnan(percept.mono_px) and not alone):
+        if scheduled is Cue.STEREO or math.isnan(percept.mono_px):
             self.overriding = False
             return _choice(Cue.STEREO, False, percept.stereo_px, thresholds.stereo_px)
-        self.overriding = not alone and self._override_needed(percept, thresholds, looks_ahead)
+        self.overriding = self._override_needed(percept, thresholds, looks_ahead)
         if self.overriding:
             return _choice(Cue.STEREO, True, percept.stereo_px, thresholds.stereo_px)
         return _mono_choice(percept, thresholds)

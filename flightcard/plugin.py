@@ -63,6 +63,7 @@ def flights(request: pytest.FixtureRequest) -> "Iterator[Session]":
         plans=config.rootpath / config.getini("flightplans"),
     )
     log_dir = config.rootpath / config.getini("flight_logs") / _folder_name(item)
+    _remove(log_dir)  # what an earlier failure left
     session = Session(folders, log_dir, _wishes(item))
     item.stash[SESSION] = session
     try:

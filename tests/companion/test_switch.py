@@ -165,3 +165,13 @@ def test_fused_flies_on_both_cues_after_the_initial_phase():
     for phase, (cue, blocked) in wanted.items():
         choice = switch.choose(seen, phase, THRESHOLDS, True)
         assert (choice.cue, choice.blocked, choice.override) == (cue, blocked, False)
+
+
+@pytest.mark.parametrize("trust", TrustStatus)
+def test_without_test_override_mono_needs_neither_stereo_nor_trust(trust):
+    switch = make("training_wheels", test_override=False)
+    no_pair = Availability(stereo=False, left=True, right=True)
+    seen = percept(9.0, 1.0), Phase.TEST, THRESHOLDS, True
+    assert switch.choose(*seen, no_pair, trust).cue is Cue.MONO
+    no_eye = Availability(stereo=False, left=False, right=False)
+    assert switch.choose(*seen, no_eye, trust).cue is Cue.NONE
