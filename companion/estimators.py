@@ -5,7 +5,7 @@ figure is the mean. Both learn from stereo's disparity map and forget nothing wh
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -16,10 +16,10 @@ from companion.cells import CELLS, COLUMNS, ROWS, cell_labels
 from companion.doubt import Doubt
 from companion.features import OF_VIEWS, Extractor, Features, Grey
 from companion.learner_settings import LearnerSettings, Target
+from companion.parts import Arrays, part, whole
 from companion.regressors import Predictor, RidgeRegressor
 from companion.views import views_of
 
-Arrays = dict[str, NDArray[np.generic]]
 Floats = NDArray[np.float64]
 MapOf = Callable[[], NDArray[np.float32]]
 """Gives the disparity map (height, width) of the pair just matched, NaN where unmatched."""
@@ -273,32 +273,3 @@ def described(cells: Features) -> Features:
     around = (down[:, :-2] + down[:, 1:-1] + down[:, 2:]).reshape(CELLS, -1) / np.float32(9.0)
     everywhere = np.broadcast_to(cells.mean(axis=0), cells.shape)
     return np.concatenate([cells, around, everywhere, PLACES], axis=1, dtype=np.float32)
-
-
-def part(state: Arrays, name: str) -> Arrays:
-    """The arrays that ``whole`` put under this name."""
-    prefix = f"{name}."
-    return {
-        key.removeprefix(prefix): values for key, values in state.items() if key.startswith(prefix)
-    }
-
-
-def whole(**parts: Mapping[str, NDArray[np.generic]]) -> Arrays:
-    """The parts' arrays, each under its part's name."""
-    return {
-        f"{name}.{key}": values for name, part_ in parts.items() for key, values in part_.items()
-    }
-
-
-def refuse_misfits(arrays: Arrays, like: Arrays) -> None:
-    """Names, kinds and shapes must be as in ``like``; only rows may be more.
-
-    Raises KeyError or ValueError.
-    """
-    for name, wanted in like.items():
-        found = arrays[name]
-        rows_differ = wanted.shape[:1] in ((0,), (1,)) and found.shape[1:] == wanted.shape[1:]
-        if found.dtype != wanted.dtype or not (rows_differ or found.shape == wanted.shape):
-            raise ValueError(f"{name} of shape {found.shape} and type {found.dtype}")
-        if found.dtype.kind == "f" and not np.isfinite(found).all():
-            raise ValueError(f"{name} is not finite")

@@ -14,14 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.estimators import (
-    Arrays,
     Estimate,
     MapOf,
     Seen,
     make_estimator,
-    part,
-    refuse_misfits,
-    whole,
 )
 from companion.features import (
     OF_VIEWS,
@@ -36,6 +32,7 @@ from companion.kernel.errors import PlanError
 from companion.kernel.messages import StereoFrame
 from companion.learner_settings import LearnerSettings
 from companion.novelty import Novelty
+from companion.parts import Arrays, part, refuse_misfits, whole
 from companion.textons import TextonDictionary
 
 

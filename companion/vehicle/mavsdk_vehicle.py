@@ -205,7 +205,9 @@ class MavsdkVehicle:
 
     def _put(self, setpoint: Setpoint) -> None:
         try:
-            self._offboard.set_velocity_body(_velocity_body(setpoint))
+            yaw_rate_deg_s = math.degrees(setpoint.yaw_rate_rad_s)
+            wanted = VelocityBodyYawspeed(*setpoint.velocity_hfrd_m_s, yaw_rate_deg_s)
+            self._offboard.set_velocity_body(wanted)
         except OffboardError as error:
             raise LinkError(f"{self._url}: cannot send a setpoint: {_reason(error)}") from error
         self._deadman.feed()
@@ -276,11 +278,6 @@ def _call(
         if error.result.name in _GONE:
             raise LinkError(f"{what}: no answer from the autopilot ({_reason(error)})") from error
         raise VehicleError(f"{what}: refused by the autopilot ({_reason(error)})") from error
-
-
-def _velocity_body(setpoint: Setpoint) -> VelocityBodyYawspeed:
-    yaw_rate_deg_s = math.degrees(setpoint.yaw_rate_rad_s)
-    return VelocityBodyYawspeed(*setpoint.velocity_hfrd_m_s, yaw_rate_deg_s)
 
 
 def _reason(error: Exception) -> str:

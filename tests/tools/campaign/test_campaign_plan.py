@@ -17,7 +17,7 @@ SCHEMES = ("pure_stereo", "cold_turkey", "dagger", "training_wheels")
     ("name", "groups", "count"),
     [
         ("schemes", SCHEMES, 120),
-        ("persistence", SCHEMES, 120),
+        ("persistence", SCHEMES[1:], 90),
         ("rooms", ("room1", "room2"), 10),
     ],
 )
