@@ -33,8 +33,7 @@ logger = logging.getLogger(__name__)
 POLL_PERIOD_S = 0.05
 ARM_RETRY_PERIOD_S = 0.5
 ASKED_TIMES = OFFBOARD_TRIES = 3
-"""On bad links answers get lost, though MAVSDK itself sends a command four times, and the command
-for offboard mode may overtake the first setpoint."""
+"""On bad links answers get lost, and the command for offboard may overtake the first setpoint."""
 TEXT_LENGTH = 49
 """Characters that one STATUSTEXT holds; from 50 on MAVSDK sends a second one."""
 ARMED_LAG_S = 2.0
@@ -129,8 +128,12 @@ class MavsdkVehicle:
         )
 
     async def start_offboard(self, setpoint: Setpoint) -> None:
+        """Stands still until the autopilot confirms the mode: on a bad link that takes long."""
+        still = Setpoint(stamp_ns=setpoint.stamp_ns)
+        await self.send(still)
+        self._deadman.rest()
+        await attempt(OFFBOARD_TRIES, VehicleError, lambda: self._start_offboard(still))
         await self.send(setpoint)
-        await attempt(OFFBOARD_TRIES, VehicleError, lambda: self._start_offboard(setpoint))
 
     async def send(self, setpoint: Setpoint) -> None:
         """Raises VehicleError when the deadman has taken over."""
@@ -205,8 +208,8 @@ class MavsdkVehicle:
 
     def _put(self, setpoint: Setpoint) -> None:
         try:
-            yaw_rate_deg_s = math.degrees(setpoint.yaw_rate_rad_s)
-            wanted = VelocityBodyYawspeed(*setpoint.velocity_hfrd_m_s, yaw_rate_deg_s)
+            turn_deg_s = math.degrees(setpoint.yaw_rate_rad_s)
+            wanted = VelocityBodyYawspeed(*setpoint.velocity_hfrd_m_s, turn_deg_s)
             self._offboard.set_velocity_body(wanted)
         except OffboardError as error:
             raise LinkError(f"{self._url}: cannot send a setpoint: {_reason(error)}") from error
