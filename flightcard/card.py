@@ -249,8 +249,8 @@ class FlightCard:
                 yaw_rate_rad_s=yaw_rate,
             )
 
-        end_s = self.time_s + duration_s
         await vehicle.start_offboard(setpoint())
+        end_s = self.time_s + duration_s
         while self.time_s < end_s:
             await self._tick()
             await vehicle.send(setpoint())
