@@ -39,6 +39,8 @@ class Seen(NamedTuple):
 
     features: Features
     image: Grey | None
+    nearness_per_m: float = math.nan
+    """By companion.parallax, where the vehicle moves."""
 
 
 class Estimate(NamedTuple):

@@ -29,8 +29,10 @@ from companion.features import (
     ViewFeatures,
 )
 from companion.kernel.errors import PlanError
+from companion.fusion import Estimate as Fused
 from companion.kernel.messages import StereoFrame
 from companion.learner_settings import LearnerSettings
+from companion.motion import MotionScale, reconcile
 from companion.novelty import Novelty
 from companion.parts import Arrays, part, refuse_misfits, whole
 from companion.textons import TextonDictionary
@@ -47,6 +49,8 @@ class MonoEstimate(NamedTuple):
     """Of the newest frame alone: see companion.novelty."""
     map_px: NDArray[np.float32] | None = None
     """λ of each cell (companion.cells) of the newest frame, where ``learner.output`` is "map"."""
+    motion_px: float = math.nan
+    """λ of the newest frame by its own motion alone."""
 
 
 class _Lesson(NamedTuple):
@@ -93,6 +97,7 @@ class Learner:
         if dictionary is not None:
             self._extractor.adopt(dictionary)
         self._estimator = make_estimator(settings, self._extractor, rng.spawn(1)[0])
+        self._motion = MotionScale()
         self._novelty = Novelty()
         self._observed: Seen | None = None
         self._waiting: deque[_Lesson] = deque()
@@ -111,17 +116,24 @@ class Learner:
         """The eye that this learner looks through."""
         return frame.left if self.settings.eye == "left" else frame.right
 
-    def observe(self, image: Grey) -> Features | None:
-        """Features (n_features,) of a raw image; None while the dictionary is being learned."""
+    def observe(self, image: Grey, nearness_per_m: float = math.nan) -> Features | None:
+        """Features (n_features,) of a raw image; None while the dictionary is being learned.
+
+        ``nearness_per_m``: by companion.parallax, for a learner that looks at motion.
+        """
         features = self._extractor.observe(image, self.frozen)
-        self._observed = None if features is None else Seen(features, image)
+        self._observed = None if features is None else Seen(features, image, nearness_per_m)
         return features
 
     def predict(self, features: Features | None) -> MonoEstimate:
         """Estimate of λ, averaged with those of the last frames."""
         if features is None or not self._estimator.trained:
             return UNKNOWN
-        newest = self._estimator.estimate(self._seen(features))
+        seen = self._seen(features)
+        newest = self._estimator.estimate(seen)
+        motion = self._motion.estimate(seen.nearness_per_m)
+        fused = reconcile(Fused(newest.mono_px, newest.std_px), motion)
+        newest = newest._replace(mono_px=fused.disparity_px, std_px=fused.std_px)
         self._recent.append(newest)
         n_recent = len(self._recent)
         return MonoEstimate(
@@ -129,6 +141,7 @@ class Learner:
             sum(estimate.std_px for estimate in self._recent) / n_recent,
             self._novelty.of(features),
             newest.map_px,
+            motion.disparity_px,
         )
 
     def learn(
@@ -152,6 +165,7 @@ class Learner:
     def _teach(self, seen: Seen, disparity_px: float, map_of: MapOf | None) -> bool:
         if not self._estimator.learn(seen, disparity_px, map_of):
             return False
+        self._motion.learn(seen.nearness_per_m, disparity_px)
         self._novelty.learn(seen.features)
         return True
 
@@ -177,6 +191,7 @@ class Learner:
         """All that was learned; a dictionary half learned is not part of it."""
         arrays = whole(
             estimator=self._estimator.state(),
+            motion=self._motion.state(),
             novelty=self._novelty.state(),
             textons=self.dictionary._asdict() if self.dictionary is not None else {},
         )
@@ -208,6 +223,7 @@ class Learner:
         like, seen = _one_lesson(self.settings, dictionary)
         refuse_misfits(state.arrays, like)
         self._estimator.restore(learned)
+        self._motion.restore(part(state.arrays, "motion"))
         self._novelty = Novelty.restored(part(state.arrays, "novelty"))
         answer = self._estimator.estimate(seen)
         if not math.isfinite(answer.mono_px):

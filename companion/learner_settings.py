@@ -31,12 +31,13 @@ class Design(NamedTuple):
     regressor: str
     target: Target
     views: int
+    motion: bool
 
 
 DESIGNS = {
-    "paper": Design("textons", "knn", "linear", 0),
-    "best": Design("gradients", "blend", "log", 5),
-    "none": Design("textons", "knn", "linear", 0),
+    "paper": Design("textons", "knn", "linear", 0, False),
+    "best": Design("gradients", "blend", "log", 5, True),
+    "none": Design("textons", "knn", "linear", 0, False),
 }
 """What a preset chooses where the plan does not."""
 SEES_PIXELS = frozenset({"cnn"})
@@ -55,6 +56,8 @@ class LearnerSettings(Settings, frozen=True):
     """The regressor learns λ or its logarithm: near ones must not drown far ones."""
     views: Annotated[int, Meta(ge=0, le=32)] | None = None
     """Mirrored and enlarged views learned from beside each image."""
+    motion: bool | None = None
+    """In flight the parallax of the vehicle's own motion counts too (see companion/motion.py)."""
     output: Literal["scalar", "map"] = "scalar"
     """"map" learns λ of each of 6 x 8 cells, and takes the image's λ from them; by a ridge,
     whatever ``regressor`` says."""
@@ -122,7 +125,7 @@ class LearnerSettings(Settings, frozen=True):
         papers = DESIGNS["paper"]
         if self.design.regressor in SEES_PIXELS:
             papers = papers._replace(features="pixels")
-        for key in ("features", "target", "views"):
+        for key in ("features", "target", "views", "motion"):
             self._refuse(key, getattr(self.design, key), getattr(papers, key))
 
     @staticmethod

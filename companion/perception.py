@@ -9,8 +9,9 @@ from companion.cells import CellMap
 from companion.features import Features, Grey
 from companion.fusion import UNKNOWN, Estimate, fuse, stereo_estimate
 from companion.health import CameraHealth, Look
-from companion.kernel.messages import Percept, StereoFrame
+from companion.kernel.messages import Percept, StereoFrame, Telemetry
 from companion.learner import Learner
+from companion.parallax import Parallax
 from companion.spread import SpreadScale
 from companion.stereo import StereoMatcher, StereoResult
 
@@ -38,16 +39,24 @@ class Perception:
         self._health = health
         self._spread = SpreadScale()
         self._eye: str = learner.settings.eye
+        moves = learner.settings.design.motion
+        self._parallax = Parallax(matcher.calibration, self._eye) if moves else None
 
-    def see(self, frame: StereoFrame, *arrived_s: float) -> Seen:
+    def see(self, frame: StereoFrame, telemetry: Telemetry, arrived_s: float = math.nan) -> Seen:
         """Before anything is learned from it: estimates stay prequential.
 
-        See CameraHealth.look. Raises CameraError for a frame of the wrong size.
+        ``arrived_s``: as Pipeline.step has it. Raises CameraError for a frame of the wrong size.
         """
-        usable = self._health.look(frame, *arrived_s)
+        # A simulator that cannot keep up lags behind our clock, a bad link behind the autopilot's.
+        usable = self._health.look(frame, arrived_s, telemetry.stamp_ns * 1e-9)
         stereo = self._match(frame, usable)
         image = self._image(frame, usable)
-        features = None if image is None else self._learner.observe(image)
+        features = None
+        if image is not None:
+            nearness_per_m = math.nan
+            if self._parallax is not None:
+                nearness_per_m = self._parallax.observe(image, frame.stamp_ns, telemetry)
+            features = self._learner.observe(image, nearness_per_m)
         mono = self._learner.predict(features)
         percept = Percept(
             stamp_ns=frame.stamp_ns,
@@ -56,6 +65,7 @@ class Perception:
             mono_px=mono.mono_px,
             mono_std_px=self._spread.of(mono.std_px),
             mono_novelty=mono.novelty,
+            motion_px=mono.motion_px,
         )
         return Seen(percept, features, mono.map_px, mono.std_px)
 
@@ -100,4 +110,6 @@ class Perception:
         if eye != self._eye:
             self._learner.break_sequence()
             self._eye = eye
+            if self._parallax is not None:
+                self._parallax = Parallax(self._matcher.calibration, eye)
         return image

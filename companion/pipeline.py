@@ -97,8 +97,7 @@ class Pipeline:
         """
         elapsed_s = self._elapsed_s(frame.stamp_ns)
         self._enter_phase_at(elapsed_s)
-        # A simulator that cannot keep up lags behind our clock, a bad link behind the autopilot's.
-        seen = self.perception.see(frame, arrived_s, telemetry.stamp_ns * 1e-9)
+        seen = self.perception.see(frame, telemetry, arrived_s)
         outlook = self.health.conclude(seen.percept, self.trust.status is TrustStatus.TRUSTED)
         available = outlook.available
         if self.plan.experiment.stereo_is_over(elapsed_s):

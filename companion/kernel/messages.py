@@ -141,6 +141,8 @@ class Percept(msgspec.Struct, frozen=True, kw_only=True):
     mono_novelty: float = NAN
     """How unlike all that was learned from the frame is: below 1 for most frames of the
     place that was learned, well above 1 elsewhere, or where one eye is covered."""
+    motion_px: float = NAN
+    """λ by the parallax of the vehicle's own motion alone; ``mono_px`` has it in it."""
     fused_px: float = NAN
     """Both cues weighed by their variances, or the one that is known."""
     fused_std_px: float = NAN
