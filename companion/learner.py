@@ -28,8 +28,8 @@ from companion.features import (
     TextonFeatures,
     ViewFeatures,
 )
-from companion.kernel.errors import PlanError
 from companion.fusion import Estimate as Fused
+from companion.kernel.errors import PlanError
 from companion.kernel.messages import StereoFrame
 from companion.learner_settings import LearnerSettings
 from companion.motion import MotionScale, reconcile

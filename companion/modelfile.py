@@ -24,7 +24,7 @@ from companion.kernel.errors import CompanionError, PlanError
 from companion.learner import LearnerState, dictionary_of
 from companion.textons import TextonDictionary
 
-VERSION = 3
+VERSION = 4
 SCALE_TOLERANCE = 0.05
 """How much the disparity of the same depth may differ, as after a new calibration."""
 

@@ -145,7 +145,7 @@ class Parallax:
             winSize=(WINDOW_PX, WINDOW_PX), maxLevel=LEVELS, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
             minEigThreshold=LEAST_TEXTURE,
         )  # fmt: skip
-        rays = self._rays_of(found)
+        rays = self._rays_of(np.asarray(found, dtype=np.float32))
         # Both rows of: ray x (turned + nearness * way) = 0; least squares for each point.
         lever = rays[:, :2] * way_m[2] - way_m[:2]
         moved = turned[:, :2] - rays[:, :2] * turned[:, 2:]

@@ -102,7 +102,9 @@ class RidgeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sk
         scatter = self.moments_[1:, 1:] - n_seen * np.outer(mean, mean)
         spread = np.sqrt(np.maximum(np.diag(scatter)[:-1], 0.0) / n_seen)
         self.mean_, self.target_mean_ = mean[:-1], mean[-1]
-        self.scale_: NDArray[np.float64] = np.where(spread > 1e-9, spread, 1.0)
+        # What is left of a constant feature after the subtraction above is rounding, not spread.
+        varies = spread > 1e-9 + 1e-6 * np.abs(mean[:-1])
+        self.scale_: NDArray[np.float64] = np.where(varies, spread, 1.0)
         products = scatter[:-1, :-1] / np.outer(self.scale_, self.scale_)
         self.factor_ = cho_factor(products + self.alpha * np.eye(len(products)), lower=True)
         towards = scatter[:-1, -1] / self.scale_

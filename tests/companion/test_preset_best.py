@@ -127,9 +127,9 @@ def test_same_seed_same_learner():
 
 
 def test_each_choice_of_the_preset_can_be_made_otherwise():
-    assert best().design == ("gradients", "blend", "log", 5)
+    assert best().design == ("gradients", "blend", "log", 5, True)
     chosen = best(regressor="knn", views=0, target="linear").design
-    assert chosen == ("gradients", "knn", "linear", 0)
+    assert chosen == ("gradients", "knn", "linear", 0, True)
 
 
 @pytest.mark.parametrize(
@@ -137,6 +137,7 @@ def test_each_choice_of_the_preset_can_be_made_otherwise():
     [
         ({"features": "gradients", **PAPER}, 'contradicts preset "paper"'),
         ({"target": "log", **PAPER}, "target = log contradicts"),
+        ({"motion": True, **PAPER}, "motion = True contradicts"),
         ({"preset": "none", "views": 3}, 'views must be 0 with features "textons"'),
         ({"dictionary": "model.npz"}, 'features "gradients" use no textons'),
     ],

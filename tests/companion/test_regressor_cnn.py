@@ -26,8 +26,8 @@ def test_without_pytorch_it_says_what_to_install(monkeypatch):
 
 
 def test_it_brings_its_features_with_it_under_the_papers_preset_too():
-    assert settings(regressor="cnn").design == ("pixels", "cnn", "linear", 0)
-    assert settings(preset="best", regressor="cnn").design == ("pixels", "cnn", "log", 5)
+    assert settings(regressor="cnn").design == ("pixels", "cnn", "linear", 0, False)
+    assert settings(preset="best", regressor="cnn").design == ("pixels", "cnn", "log", 5, True)
     with pytest.raises(PlanError, match='regressor "cnn" needs features = "pixels"'):
         settings(preset="none", regressor="cnn", features="textons")
     with pytest.raises(PlanError, match='features = pixels contradicts preset "paper"'):
