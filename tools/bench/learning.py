@@ -5,7 +5,7 @@ small part of the space of all histograms, and not for random numbers.
 """
 
 from collections.abc import Iterator
-from itertools import cycle
+from itertools import count, cycle
 
 import cv2
 import numpy as np
@@ -16,8 +16,11 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.neighbors import KNeighborsRegressor
 from sklearn.neural_network import MLPRegressor
 
+from companion.kernel.calibration import Intrinsics, StereoCalibration
+from companion.kernel.messages import Telemetry
 from companion.learner import Learner
 from companion.learner_settings import LearnerSettings
+from companion.parallax import Parallax
 from companion.regressors import GPRegressor, KNNRegressor
 from companion.textons import TextonEncoder, TextonSettings, TextonTrainer
 from sitl.arena.paint import Sheet
@@ -63,6 +66,7 @@ def rows() -> Iterator[Row]:
     yield from _neighbour_rows(samples, zooms)
     yield _process_row(samples, zooms)
     yield from _best_rows(wall)
+    yield _parallax_row(wall)
 
 
 def _samples(
@@ -169,6 +173,33 @@ def _best_rows(wall: Wall) -> Iterator[Row]:
         ),
         goal=2.0,
     )
+
+
+def _parallax_row(wall: Wall) -> Row:
+    """Flying towards a wall at 0.5 m/s and 10 Hz, again and again."""
+    eye = Intrinsics(117.0, 117.0, WIDTH_PX / 2, HEIGHT_PX / 2)
+    parallax = Parallax(StereoCalibration(WIDTH_PX, HEIGHT_PX, eye, eye, 0.06), "left")
+    level = Telemetry(velocity_ned_m_s=(0.5, 0.0, 0.0), roll_rad=0.0, pitch_rad=0.0, yaw_rad=0.0)
+    from_afar = wall.view()[0]
+    centre = (WIDTH_PX / 2, HEIGHT_PX / 2)
+    zooms = 3.0 / (3.0 - 0.05 * np.arange(20))
+    images = [
+        cv2.warpAffine(
+            from_afar, cv2.getRotationMatrix2D(centre, 0.0, zoom), (WIDTH_PX, HEIGHT_PX)
+        )
+        for zoom in zooms
+    ]
+    turn, numbers, pairs = cycle(images), count(), cycle(zip(images, images[6:], strict=False))
+    return race_row(
+        "best: image and motion to nearness",
+        lambda: parallax.observe(next(turn), next(numbers) * 10**8, level),
+        ("OpenCV dense flow (Farneback)", lambda: _dense_flow(*next(pairs))),
+        goal=1.0,
+    )
+
+
+def _dense_flow(before: Grey, after: Grey) -> object:
+    return cv2.calcOpticalFlowFarneback(before, after, None, 0.5, 3, 15, 3, 5, 1.2, 0)
 
 
 class Turns:
