@@ -17,7 +17,7 @@ def leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 def as_word(key: str, value: object) -> str:
     """What ``--set`` would be told."""
-    return f"{key}={msgspec.json.encode(value).decode()}"
+    return f"{key}={_toml(value)}"
 
 
 def label_of(key: str, value: object) -> str:
@@ -25,3 +25,12 @@ def label_of(key: str, value: object) -> str:
     if isinstance(value, str):
         return value
     return f"{key.rpartition('.')[2]}={msgspec.json.encode(value).decode()}"
+
+
+def _toml(value: object) -> str:
+    """On one line; TOML's simple values are written as JSON's."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{_toml(key)} = {_toml(held)}' for key, held in value.items())}}}"
+    return msgspec.json.encode(value).decode()

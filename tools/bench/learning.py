@@ -184,9 +184,7 @@ def _parallax_row(wall: Wall) -> Row:
     centre = (WIDTH_PX / 2, HEIGHT_PX / 2)
     zooms = 3.0 / (3.0 - 0.05 * np.arange(20))
     images = [
-        cv2.warpAffine(
-            from_afar, cv2.getRotationMatrix2D(centre, 0.0, zoom), (WIDTH_PX, HEIGHT_PX)
-        )
+        cv2.warpAffine(from_afar, cv2.getRotationMatrix2D(centre, 0.0, zoom), (WIDTH_PX, HEIGHT_PX))
         for zoom in zooms
     ]
     turn, numbers, pairs = cycle(images), count(), cycle(zip(images, images[6:], strict=False))

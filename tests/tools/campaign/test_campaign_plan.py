@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from companion.kernel.errors import PlanError
+from companion.plan import load_plan
 from tools.campaign.__main__ import main
 from tools.campaign.plan import load_campaign
 
@@ -36,15 +37,20 @@ def test_the_shipped_campaigns_are_the_papers(name, groups, count):
 
 
 def test_one_eye_compares_the_papers_design_with_one_that_minds_its_doubts():
-    campaign = load_campaign(FOLDER / "one_eye.toml", runs=2)
-    doubting, paper = (campaign.flights[index].plan for index in (0, 2))
-    assert campaign.groups == ("doubting", "paper")
-    assert doubting.room == paper.room
-    assert not doubting.experiment.test_override
-    assert not paper.experiment.test_override
-    assert (paper.learner.preset, paper.learner.caution_std) == ("paper", 0.0)
-    assert paper.learner.fixed_threshold_px(paper.behaviour.turn_threshold_px) == 2.6
-    assert not paper.behaviour.speed_by_certainty
+    campaign = load_campaign(FOLDER / "one_eye.toml", runs=1)
+    plans = dict(zip(campaign.groups, (flight.plan for flight in campaign.flights), strict=True))
+    for room in ("office", "room1", "room2"):
+        own, paper = plans[room], plans[f"{room}, paper"]
+        learner = msgspec.structs.replace(own.learner, preset="paper", caution_std=0.0)
+        learner = msgspec.structs.replace(learner, novelty_limit=1000.0)
+        assert msgspec.structs.replace(own, learner=learner) == paper
+        assert (own.room, own.learner.preset, own.learner.caution_std) == (room, "best", 1.0)
+        assert not own.experiment.test_override
+        assert own.sitl["events"] == [{"at_s": 310.0, "right_eye": "no_frames"}]
+        shipped = load_plan(FOLDER.parent / f"{room}.toml")
+        for key in ("turn_threshold_px", "override_threshold_px"):
+            assert getattr(own.behaviour, key) == getattr(shipped.behaviour, key)
+        assert own.safety == shipped.safety
 
 
 def test_room1_and_room2_differ_in_nothing_but_the_room():
