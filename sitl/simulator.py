@@ -99,6 +99,8 @@ class World:
         """Of the companion's link, whatever carries it."""
         self.mocap: deque[MocapPose] = deque(maxlen=_MOCAP_KEPT)
         self._walls, self._floor = ContactCounter(), ContactCounter()
+        self.landing_contacts = 0
+        """Of the collisions, those while landing: no eye looks down."""
         self._pushed = self._near = False
         self.clearance_m = self._clearance()[0]
         self.minimum_clearance_m = math.inf
@@ -223,6 +225,7 @@ class World:
     ) -> None:
         if counter.update(clearance_m):
             _log.info("contact with %s at %.2f s", what, self.time_s)
+            self.landing_contacts += self.autopilot.landed_state is LandedState.LANDING
             self._crash_if_fast(normal, what)
 
     def _crash_if_fast(self, normal: Vector3, what: str) -> None:

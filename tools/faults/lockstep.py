@@ -23,6 +23,7 @@ from companion.plan import Plan, load_plan, room_path
 from companion.summary import Summary
 from sitl.build import Simulation, build
 from sitl.lockstep import rig_of
+from sitl.simulator import World
 from tools.faults.cases import PLAN_WORDS, Case, Outcome, events_of
 from tools.faults.results import Flown
 
@@ -105,8 +106,8 @@ def _fly(task: Task, order: FlightOrder) -> Flown:
         task,
         _outcome(simulation, summary),
         summary.reason,
-        collisions=simulation.world.collisions,
-        lost_s=(newest_ns - _logged_ns(order.log_dir / LOG_NAME)) * 1e-9,
+        simulation.world,
+        (newest_ns - _logged_ns(order.log_dir / LOG_NAME)) * 1e-9,
     )
 
 
@@ -135,8 +136,9 @@ def _logged_ns(path: Path) -> int:
 
 
 def _flown(
-    task: Task, observed: Outcome, reason: str, collisions: int = 0, lost_s: float = 0.0
+    task: Task, observed: Outcome, reason: str, world: World | None = None, lost_s: float = 0.0
 ) -> Flown:
+    landing_contacts = world.landing_contacts if world else 0
     return Flown(
         way="lockstep",
         case=task.case.name,
@@ -145,9 +147,10 @@ def _flown(
         seed=task.seed,
         expected=task.case.expected,
         observed=observed,
-        collisions=collisions,
+        collisions=world.collisions - landing_contacts if world else 0,
         lost_s=max(0.0, lost_s),
         reason=reason,
+        landing_contacts=landing_contacts,
     )
 
 

@@ -24,6 +24,8 @@ class Flown(NamedTuple):
     lost_s: float
     """Of the log, before its last frame in flight."""
     reason: str = ""
+    landing_contacts: int = 0
+    """With furniture, on the way down; in lockstep they are not among the collisions."""
 
     @property
     def as_expected(self) -> bool:
@@ -36,7 +38,7 @@ class Flown(NamedTuple):
 
 COLUMNS = (
     "fault", "when", "expected", "flights", "as expected", "otherwise", "collisions", "fly-aways",
-    "logs that lost more than 1 s",
+    "logs that lost more than 1 s", "touched furniture while landing",
 )  # fmt: skip
 
 
@@ -63,5 +65,6 @@ def _line(flights: Sequence[Flown]) -> str:
         sum(flown.collisions for flown in flights),
         sum(flown.observed is Outcome.FLIES_AWAY for flown in flights),
         sum(flown.lost_s > MOST_LOST_S for flown in flights),
+        sum(flown.landing_contacts > 0 for flown in flights),
     )
     return f"| {' | '.join(map(str, cells))} |"
