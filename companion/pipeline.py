@@ -33,7 +33,7 @@ from companion.risk import Approach
 from companion.safety import Verdict, check, react_to_age
 from companion.scorecard import Account, Scorecard
 from companion.stereo import StereoMatcher
-from companion.switch import Choice, Switch, Thresholds
+from companion.switch import Choice, Switch, Thresholds, caution_px
 from companion.tether import way_back_rad
 from companion.textons import TextonDictionary
 from companion.thresholds import choose_thresholds
@@ -114,8 +114,9 @@ class Pipeline:
         certainty = certainty_norm(choice, percept)
         freer_sign = self._freer_sign(choice, mono_map_px)
         goal = self._goal(frame.stamp_ns, choice, certainty, freer_sign, telemetry)
+        added_px = caution_px(percept, self.thresholds.caution_std)
         account = self.scorecard.record(
-            percept, self.phase, choice, self.behaviour.state, self.thresholds.mono_px
+            percept, self.phase, choice, self.behaviour.state, self.thresholds.mono_px, added_px
         )
         decision = self._decision(frame.stamp_ns, choice, certainty, account)
         verdict = self._command(frame.stamp_ns, choice, goal, telemetry)
@@ -135,7 +136,11 @@ class Pipeline:
         before = self.trust.status
         self.trust_history.note(percept.stamp_ns, before)
         judged = self.trust.update(
-            percept, self.behaviour.state, self.thresholds.mono_px, available.stereo
+            percept,
+            self.behaviour.state,
+            self.thresholds.mono_px,
+            available.stereo,
+            caution_px(percept, self.thresholds.caution_std),
         )
         figures = self.trust.figures
         changed = figures.status is not before

@@ -43,6 +43,8 @@ class Account:
         self._performance = OnlinePerformance(positive_threshold_px)
         self._stereo_px: list[float] = []
         self._mono_px: list[float] = []
+        self._cautious_px: list[float] = []
+        """Mono's λ as its threshold is compared with it."""
         self._approach: list[int] = []
 
     @property
@@ -61,13 +63,16 @@ class Account:
         elif cue is Cue.MONO:
             self.mono_approaches += 1
 
-    def add_estimate(self, percept: Percept, mono_threshold_px: float, in_approach: bool) -> None:
+    def add_estimate(
+        self, percept: Percept, mono_threshold_px: float, caution_px: float, in_approach: bool
+    ) -> None:
         """Only frames on which both cues know λ count."""
         if math.isnan(percept.stereo_px) or math.isnan(percept.mono_px):
             return
-        self._performance.update(percept.mono_px, percept.stereo_px, mono_threshold_px)
+        self._performance.update(percept.mono_px, percept.stereo_px, mono_threshold_px - caution_px)
         self._stereo_px.append(percept.stereo_px)
         self._mono_px.append(percept.mono_px)
+        self._cautious_px.append(percept.mono_px + caution_px)
         self._approach.append(self.approaches if in_approach else NO_APPROACH)
 
     def estimates(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -78,8 +83,8 @@ class Account:
         """The frames counted that belong to an approach, numbered from 1 within the phase."""
         approach = np.array(self._approach, dtype=np.int64)
         flown = approach != NO_APPROACH
-        stereo_px, mono_px = self.estimates()
-        return Samples(stereo_px[flown], mono_px[flown], approach[flown])
+        stereo_px, cautious_px = np.array(self._stereo_px), np.array(self._cautious_px)
+        return Samples(stereo_px[flown], cautious_px[flown], approach[flown])
 
     def score(self) -> Score:
         """Positives are frames with stereo λ above stereo's threshold."""
@@ -116,8 +121,9 @@ class Scorecard:
         choice: Choice,
         state: BehaviourState,
         mono_threshold_px: float,
+        caution_px: float = 0.0,
     ) -> Account:
-        """One frame on; returns the account of its phase."""
+        """One frame on; returns the account of its phase. ``caution_px``: see companion.switch."""
         account = self.accounts[phase]
         if self._stamp_ns is not None:
             account.add_flight(choice.cue, (percept.stamp_ns - self._stamp_ns) * 1e-9)
@@ -127,7 +133,7 @@ class Scorecard:
             self._override_counted = False
         # The frame that ends an approach belongs to it: on it the obstacle was detected.
         goes_on = self._state is BehaviourState.STRAIGHT and phase is self._phase
-        account.add_estimate(percept, mono_threshold_px, straight or goes_on)
+        account.add_estimate(percept, mono_threshold_px, caution_px, straight or goes_on)
         if self._state is BehaviourState.STRAIGHT and not straight:
             account.turns += 1
         if choice.override and not self._overriding and not self._override_counted:

@@ -157,9 +157,14 @@ def _on_one_eye(
     return _choice(Cue.NONE, False, math.nan, thresholds.mono_px)
 
 
+def caution_px(percept: Percept, caution_std: float) -> float:
+    """What is added to mono's λ before it is compared with its threshold."""
+    return caution_std * percept.mono_std_px if caution_std else 0.0
+
+
 def _mono_choice(percept: Percept, thresholds: Thresholds) -> Choice:
-    caution_px = thresholds.caution_std * percept.mono_std_px if thresholds.caution_std else 0.0
-    choice = _choice(Cue.MONO, False, percept.mono_px + caution_px, thresholds.mono_px)
+    cautious_px = percept.mono_px + caution_px(percept, thresholds.caution_std)
+    choice = _choice(Cue.MONO, False, cautious_px, thresholds.mono_px)
     strange = percept.mono_novelty > thresholds.novelty
     return choice._replace(blocked=True) if strange else choice
 

@@ -116,10 +116,18 @@ class TrustMonitor:
         return self.figures.status
 
     def update(
-        self, percept: Percept, state: BehaviourState, mono_threshold_px: float, has_truth: bool
+        self,
+        percept: Percept,
+        state: BehaviourState,
+        mono_threshold_px: float,
+        has_truth: bool,
+        caution_px: float = 0.0,
     ) -> bool:
-        """One frame on; True where it was time to judge. ``has_truth``: stereo is healthy."""
-        self._take_in(percept, state)
+        """One frame on; True where it was time to judge. ``has_truth``: stereo is healthy.
+
+        ``caution_px`` is added to mono's λ before it is compared with its threshold.
+        """
+        self._take_in(percept, state, caution_px)
         stamp_ns = percept.stamp_ns
         if self._judged_ns is None:
             self._judged_ns = self._settled_ns = stamp_ns
@@ -131,7 +139,7 @@ class TrustMonitor:
         self.figures = msgspec.structs.replace(figures, status=status)
         return True
 
-    def _take_in(self, percept: Percept, state: BehaviourState) -> None:
+    def _take_in(self, percept: Percept, state: BehaviourState, caution_px: float) -> None:
         straight = BehaviourState.STRAIGHT
         before, self._state = self._state, state
         self._n_approaches += state is straight and before is not straight
@@ -141,7 +149,9 @@ class TrustMonitor:
             return
         # The frame that ends an approach belongs to it: on it the obstacle was detected.
         number = self._n_approaches if straight in (state, before) else TURNING
-        self._window.append(_Frame(percept.stereo_px, percept.mono_px, number))
+        self._window.append(
+            _Frame(percept.stereo_px, percept.mono_px, percept.mono_px + caution_px, number)
+        )
         self._squared_px2.append((percept.mono_px - percept.stereo_px) ** 2)
 
     def _confirmed(self, due: TrustStatus, stamp_ns: int) -> TrustStatus:
@@ -158,11 +168,11 @@ class TrustMonitor:
 
     def _judge(self, stamp_ns: int, mono_threshold_px: float) -> TrustFigures:
         """The figures of the window; NaN where nothing defines one."""
-        stereo_px, mono_px, approach = _columns(self._window)
+        stereo_px, mono_px, cautious_px, approach = _columns(self._window)
         variance_px2 = float(stereo_px.var()) if self._window else math.nan
         error_px2 = float(np.mean((mono_px - stereo_px) ** 2)) if self._window else math.nan
         flown = approach != TURNING
-        samples = Samples(stereo_px[flown], mono_px[flown], approach[flown])
+        samples = Samples(stereo_px[flown], cautious_px[flown], approach[flown])
         ended = np.unique(samples.approach[samples.stereo_px > self._positive_px])
         return TrustFigures(
             stamp_ns=stamp_ns,
@@ -240,14 +250,16 @@ class _Frame(NamedTuple):
 
     stereo_px: float
     mono_px: float
+    cautious_px: float
+    """As its threshold is compared with it."""
     approach: int
 
 
 def _columns(
     frames: Iterable[_Frame],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     rows = np.array(list(frames), dtype=np.float64).reshape(-1, len(_Frame._fields))
-    return rows[:, 0], rows[:, 1], rows[:, 2].astype(np.int64)
+    return rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3].astype(np.int64)
 
 
 def _mean(values: deque[float]) -> float:

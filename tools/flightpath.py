@@ -72,6 +72,7 @@ def path_of(flight: FlownFlight, room: Room, phase: str = "all") -> FlightPath:
     decision, percept = flight.decision, flight.percept
     thresholds_px = {name: flight.mono_threshold_px(name) for name in np.unique(decision["phase"])}
     threshold_px = np.array([thresholds_px[name] for name in decision["phase"]])
+    added_px = flight.plan.learner.caution_std * np.nan_to_num(percept["mono_std_px"])
     whole = FlightPath(
         time_s=flight.time_s,
         place_m=flight.places_m,
@@ -82,7 +83,7 @@ def path_of(flight: FlownFlight, room: Room, phase: str = "all") -> FlightPath:
         mono_px=percept["mono_px"],
         mono=decision["cue"] == "mono",
         positive=percept["stereo_px"] > flight.plan.behaviour.turn_threshold_px,
-        detected=percept["mono_px"] > threshold_px,
+        detected=percept["mono_px"] + added_px > threshold_px,
     )
     shown = flight.in_phase(phase)
     return FlightPath(*(values[shown] for values in whole))

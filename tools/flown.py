@@ -15,7 +15,7 @@ from companion.kernel.settings import convert_settings
 from companion.logfolder import LOG_NAME
 from companion.plan import Plan
 from companion.scorecard import Scorecard
-from companion.switch import Choice
+from companion.switch import Choice, caution_px
 from sitl.arena.room import Room, load_room
 from tools.logs.recover import RECOVERED_SUFFIX
 
@@ -104,6 +104,7 @@ class FlownFlight:
         """The flight's own counts, made anew from its records."""
         card = Scorecard(self.plan.behaviour.turn_threshold_px)
         thresholds_px = {phase: self.mono_threshold_px(phase) for phase in Phase}
+        caution_std = self.plan.learner.caution_std
         records = zip(
             self.log.read(Topic.PERCEPT, Percept),
             self.log.read(Topic.DECISION, Decision),
@@ -111,7 +112,8 @@ class FlownFlight:
         )
         for percept, d in records:
             choice = Choice(d.cue, d.override, d.disparity_px, d.threshold_px, None)
-            card.record(percept, d.phase, choice, d.state, thresholds_px[d.phase])
+            added_px = caution_px(percept, caution_std)
+            card.record(percept, d.phase, choice, d.state, thresholds_px[d.phase], added_px)
         return card
 
     def load_room(self, path: Path | None = None) -> Room:

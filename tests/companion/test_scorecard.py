@@ -18,7 +18,9 @@ class Story:
         self.card = Scorecard(positive_threshold_px=4.0)
         self.frames = 0
 
-    def frame(self, state=STRAIGHT, cue=Cue.MONO, override=False, stereo=1.0, mono=1.0):
+    def frame(
+        self, state=STRAIGHT, cue=Cue.MONO, override=False, stereo=1.0, mono=1.0, caution_px=0.0
+    ):
         percept = Percept(
             stamp_ns=self.frames * 100_000_000,
             stereo_px=stereo,
@@ -28,7 +30,7 @@ class Story:
         )
         choice = Choice(cue, override, mono, 4.0, False)
         self.frames += 1
-        return self.card.record(percept, Phase.TEST, choice, state, mono_threshold_px=3.5)
+        return self.card.record(percept, Phase.TEST, choice, state, 3.5, caution_px)
 
 
 def test_turns_and_approaches_are_counted_where_they_begin():
@@ -49,6 +51,16 @@ def test_an_override_counts_once_per_approach_however_often_it_flickers():
     assert account.overrides == 1
     story.frame(STRAIGHT)
     assert story.frame(STRAIGHT, override=True).overrides == 2
+
+
+def test_caution_is_part_of_what_was_detected_but_not_of_the_error():
+    story = Story()
+    for stereo_px, mono_px in ((5.0, 3.0), (5.0, 3.4), (1.0, 1.0), (2.0, 3.2)):
+        account = story.frame(stereo=stereo_px, mono=mono_px, caution_px=0.4)
+    score = account.score()
+    assert (score.tpr, score.fpr) == (0.5, 0.5)
+    assert score.mse == pytest.approx((4.0 + 1.6**2 + 1.2**2) / 4)
+    assert account.approach_samples().mono_px.tolist() == pytest.approx([3.4, 3.8, 1.4, 3.6])
 
 
 def test_flight_time_goes_to_the_cue_that_flew():

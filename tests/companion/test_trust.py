@@ -98,7 +98,8 @@ class Story:
         self.frames = 0
         self.statuses = []
 
-    def fly(self, n_approaches, estimate, truth=True, novelty=0.5):
+    def fly(self, n_approaches, estimate, truth=True, novelty=0.5, caution_px=0.0):
+        self.caution_px = caution_px
         for _ in range(n_approaches):
             for frame in range(80):
                 stereo_px = 1.0 + 4.0 * frame / 60 if frame < 60 else 2.0
@@ -115,7 +116,7 @@ class Story:
             mono_std_px=0.2,
             mono_novelty=novelty,
         )
-        self.monitor.update(percept, state, 3.5, truth)
+        self.monitor.update(percept, state, 3.5, truth, self.caution_px)
         self.frames += 1
         self.statuses.append(self.monitor.status)
 
@@ -126,6 +127,19 @@ def nothing(stereo_px, frame):
 
 def good(stereo_px, frame):
     return stereo_px + 0.2 * math.sin(frame)
+
+
+def low(stereo_px, frame):
+    return stereo_px - 1.2 + 0.1 * math.sin(frame)
+
+
+def test_who_is_cautious_runs_less_risk():
+    bold, cautious = Story(), Story()
+    for story, caution_px in ((bold, 0.0), (cautious, 1.0)):
+        story.fly(12, low, caution_px=caution_px)
+    risks = [story.monitor.figures.collision_probability for story in (bold, cautious)]
+    assert risks[1] < 0.5 * risks[0]
+    assert bold.monitor.figures.error_norm == cautious.monitor.figures.error_norm
 
 
 def blind(stereo_px, frame):

@@ -41,8 +41,12 @@ def test_the_table_counts_what_went_otherwise():
     ]
     assert [row.good for row in rows] == [True, False, False, True]
     _, _, first, second = table(rows)
-    assert first == ("| none | test | keeps flying | 3 | 33% | 1 flies away, 1 lands | 2 | 1 | 1 | 1 |")
-    assert second == "| none | initial, over MAVLink | keeps flying | 1 | 100% | – | 0 | 0 | 0 | 0 |"
+    assert first == (
+        "| none | test | keeps flying | 3 | 33% | 1 flies away, 1 lands | 2 | 1 | 1 | 1 |"
+    )
+    assert (
+        second == "| none | initial, over MAVLink | keeps flying | 1 | 100% | – | 0 | 0 | 0 | 0 |"
+    )
 
 
 @pytest.mark.parametrize("fault", ["disk full", "model spoilt at start"])
