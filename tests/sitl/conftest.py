@@ -152,7 +152,7 @@ def make_flight():
     return FlightCard
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_hall():
     return Hall
 
