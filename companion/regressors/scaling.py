@@ -63,7 +63,8 @@ class RunningScale:
 
     def state(self) -> Arrays:
         """All that was learned, as plain arrays."""
-        return {"n_rows": np.array(self.n_rows), "mean": self.mean, "scatter": self._scatter}
+        mean, scatter = self.mean.copy(), self._scatter.copy()
+        return {"n_rows": np.array(self.n_rows), "mean": mean, "scatter": scatter}
 
     def restore(self, state: Arrays) -> None:
         """Takes up where ``state`` was taken."""
