@@ -13,8 +13,8 @@ from sklearn.utils.validation import validate_data
 from torch import nn
 
 from companion.gradients import HEIGHT_PX, WIDTH_PX
-from companion.parts import whole
-from companion.regressors.base import Arrays, Floats
+from companion.parts import Arrays, whole
+from companion.regressors.base import Floats
 from companion.regressors.online import Answer
 from companion.regressors.replay import ReplayRegressor, draw_evenly
 

@@ -7,7 +7,8 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_is_fitted
 
-from companion.regressors.base import Arrays, Floats
+from companion.parts import Arrays
+from companion.regressors.base import Floats
 from companion.regressors.checks import checked, checked_samples
 from companion.regressors.neighbours import Neighbours
 from companion.regressors.online import Answer, OnlineRegressor

@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from companion.kernel.fastmath import FASTMATH
-from companion.regressors.base import Arrays
+from companion.parts import Arrays
 
 Tensor = NDArray[np.float32]
 

@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
-from companion.regressors.base import Arrays, Floats, Predictor
+from companion.parts import Arrays
+from companion.regressors.base import Floats, Predictor
 
 Answer = tuple[Floats, Callable[[], Floats]]
 """Means (n,), and what works their spread (n,) out: that costs more, and is not always wanted."""

@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from companion.parts import part
-from companion.regressors.base import Arrays, Floats
+from companion.parts import Arrays, part
+from companion.regressors.base import Floats
 from companion.regressors.online import OnlineRegressor
 from companion.regressors.scaling import RunningScale
 from companion.regressors.slots import Keep, SlotMemory

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.regressors.base import Arrays, Floats
+from companion.parts import Arrays
+from companion.regressors.base import Floats
 
 LEAST_SPREAD = 1e-6
 """Below it a feature is a constant, and its noise is not blown up."""
