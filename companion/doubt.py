@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from companion.regressors.base import Arrays, Predictor
+from companion.parts import Arrays
+from companion.regressors.base import Predictor
 
 STRETCH_FRAMES = 100
 """A copy is asked for this long, when it has learned nothing for as long."""

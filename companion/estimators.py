@@ -17,7 +17,7 @@ from companion.doubt import Doubt
 from companion.features import OF_VIEWS, Extractor, Features, Grey
 from companion.learner_settings import LearnerSettings, Target
 from companion.parts import Arrays, part, whole
-from companion.regressors import Predictor, RidgeRegressor
+from companion.regressors import Predictor, Regressor, RidgeRegressor
 from companion.views import views_of
 
 Floats = NDArray[np.float64]
@@ -108,23 +108,47 @@ class Scale:
         return np.clip(mean, least_px, most_px), std
 
 
-class ScalarEstimator:
+class Taught:
+    """A regressor, the scale of what it learns, and how far its stated spread can be believed."""
+
+    def __init__(
+        self, settings: LearnerSettings, regressor: Regressor, rng: np.random.Generator
+    ) -> None:
+        self._n_views = settings.design.views
+        self._rng = rng
+        self._regressor = regressor
+        self._scale = Scale(settings.design.target)
+        self._doubt = Doubt()
+        self.trained = False
+
+    def state(self) -> Arrays:
+        if not self.trained:
+            return {}
+        return whole(
+            regressor=self._regressor.state(),
+            scale=self._scale.state(),
+            doubt=self._doubt.state(),
+        )
+
+    def restore(self, state: Arrays) -> None:
+        self.trained = bool(state)
+        self._regressor.restore(part(state, "regressor"))
+        self._scale.restore(part(state, "scale"))
+        self._doubt.restore(part(state, "doubt"))
+
+
+class ScalarEstimator(Taught):
     """One figure: the regressor's answer to the features of the whole image."""
 
     def __init__(self, settings: LearnerSettings, rng: np.random.Generator) -> None:
         self._kind = settings.design.features
-        self._n_views = settings.design.views
-        self._rng = rng
         parameters = regressors.RegressorSettings(
             k=settings.k,
             capacity=settings.capacity,
             keep=settings.keep,
             seed=int(rng.integers(2**31)),
         )
-        self._regressor = regressors.make(settings.design.regressor, parameters)
-        self._scale = Scale(settings.design.target)
-        self._doubt = Doubt()
-        self.trained = False
+        super().__init__(settings, regressors.make(settings.design.regressor, parameters), rng)
 
     def estimate(self, seen: Seen) -> Estimate:
         mean, std = self._regressor.predict(seen.features[np.newaxis], return_std=True)
@@ -146,21 +170,6 @@ class ScalarEstimator:
         self.trained = True
         return True
 
-    def state(self) -> Arrays:
-        if not self.trained:
-            return {}
-        return whole(
-            regressor=self._regressor.state(),
-            scale=self._scale.state(),
-            doubt=self._doubt.state(),
-        )
-
-    def restore(self, state: Arrays) -> None:
-        self.trained = bool(state)
-        self._regressor.restore(part(state, "regressor"))
-        self._scale.restore(part(state, "scale"))
-        self._doubt.restore(part(state, "doubt"))
-
     def _judge(self, sample: Features, target: float) -> None:
         witness = self._doubt.witness(self._regressor)
         if witness is not None:
@@ -168,7 +177,7 @@ class ScalarEstimator:
             self._doubt.note(float(mean[0]) - target, float(std[0]))
 
 
-class MapEstimator:
+class MapEstimator(Taught):
     """A map: one ridge for all cells, from each cell, what is around it and where it lies.
 
     The image's λ is the mean of its cells, each counting by how often stereo could measure it.
@@ -177,15 +186,10 @@ class MapEstimator:
     def __init__(
         self, settings: LearnerSettings, extractor: Extractor, rng: np.random.Generator
     ) -> None:
-        self._n_views = settings.design.views
+        super().__init__(settings, RidgeRegressor(alpha=MAP_ALPHA, refresh=MAP_REFRESH), rng)
         self._extractor = extractor
-        self._rng = rng
-        self._regressor = RidgeRegressor(alpha=MAP_ALPHA, refresh=MAP_REFRESH)
-        self._scale = Scale(settings.design.target)
-        self._doubt = Doubt()
         self._matches = np.zeros((ROWS, COLUMNS))
         """Sum of each cell's shares of matched pixels."""
-        self.trained = False
 
     def estimate(self, seen: Seen) -> Estimate:
         estimate = self._ask(self._regressor, self._described(seen))
@@ -218,20 +222,11 @@ class MapEstimator:
         return True
 
     def state(self) -> Arrays:
-        if not self.trained:
-            return {}
-        return whole(
-            regressor=self._regressor.state(),
-            scale=self._scale.state(),
-            cells={"matches": self._matches.copy()},
-            doubt=self._doubt.state(),
-        )
+        learned = super().state()
+        return learned | whole(cells={"matches": self._matches.copy()}) if learned else {}
 
     def restore(self, state: Arrays) -> None:
-        self.trained = bool(state)
-        self._regressor.restore(part(state, "regressor"))
-        self._scale.restore(part(state, "scale"))
-        self._doubt.restore(part(state, "doubt"))
+        super().restore(state)
         if state:
             self._matches = np.array(state["cells.matches"], dtype=np.float64)
 

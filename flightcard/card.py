@@ -6,9 +6,9 @@ lets time pass, so the same verbs fly a vehicle in lockstep and one in a process
 
 import asyncio
 import math
-from collections.abc import AsyncGenerator, Callable, Coroutine
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from companion.flight import FlightOrder, fly_rig
 from companion.kernel.errors import LinkError, PlanError
@@ -50,7 +50,7 @@ class FlightCard:
         self._rig = machine.rig._replace(mocap=evidence)
         self._order = order
         self._runner = runner
-        self._frames = cast(AsyncGenerator[StereoFrame, None], machine.rig.camera.frames())
+        self._frames = machine.rig.camera.frames()
         self._telemetry = machine.rig.vehicle.telemetry()
         self._frame_stamp_ns = 0
         self._run(machine.inject(order.faults))

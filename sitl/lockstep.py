@@ -1,7 +1,7 @@
 """The vehicle in the companion's own process: asking for the next frame advances the world."""
 
 import logging
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -117,7 +117,7 @@ class LockstepCamera(_Opened):
     def calibration(self) -> StereoCalibration:
         return self._simulation.camera.calibration
 
-    async def frames(self) -> AsyncIterator[StereoFrame]:
+    async def frames(self) -> AsyncGenerator[StereoFrame, None]:
         while True:
             await let_others_run()
             self._carry()

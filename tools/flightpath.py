@@ -86,7 +86,7 @@ def path_of(flight: FlownFlight, room: Room, phase: str = "all") -> FlightPath:
         detected=percept["mono_px"] + added_px > threshold_px,
     )
     shown = flight.in_phase(phase)
-    return FlightPath(*(values[shown] for values in whole))
+    return whole._replace(**{name: values[shown] for name, values in whole._asdict().items()})
 
 
 class Panel(NamedTuple):

@@ -53,7 +53,7 @@ class FlownFlight:
     def time_s(self) -> NDArray[np.float64]:
         """Since the first frame."""
         stamp_ns = self.percept["stamp_ns"]
-        return (stamp_ns - stamp_ns[0]) * 1e-9
+        return np.asarray((stamp_ns - stamp_ns[0]) * 1e-9)
 
     @property
     def has_truth(self) -> bool:
@@ -80,7 +80,7 @@ class FlownFlight:
 
     def in_phase(self, phase: str) -> NDArray[np.bool_]:
         """(n_frames,); ``phase`` may be "all"."""
-        return (self.decision["phase"] == phase) | (phase == "all")
+        return np.asarray((self.decision["phase"] == phase) | (phase == "all"))
 
     @cached_property
     def approach(self) -> NDArray[np.int64]:

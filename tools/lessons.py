@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _work(args: argparse.Namespace) -> Iterator[str]:
     args.out.mkdir(parents=True)
-    lessons = []
+    lessons: list[Lesson] = []
     for chain in range(1, args.chains + 1):
         for kind in KINDS:
             lessons += _fly_chain(args, chain, kind)

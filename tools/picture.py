@@ -23,7 +23,7 @@ from tools.flown import FlownFlight
 def draw(flight: FlownFlight, room: Room | None) -> Figure:
     """Paths by phase on top, λ of both cues over time below. Raises RecordingError."""
     figure = Figure(figsize=(12, 8.5), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, height_ratios=(1.3, 1))
+    (upper,), (lower,) = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.3, 1))
     panels = upper.subplots(1, len(PHASES), sharex=True, sharey=True)
     for axes, phase in zip(panels, PHASES, strict=True):
         _draw_path(axes, flight, flight.in_phase(phase))

@@ -58,7 +58,7 @@ def footnote(report: Report) -> str:
     return f"in brackets: {report.interval_norm:.0%} bootstrap intervals over approaches"
 
 
-def table_rows(report: Report) -> Iterator[tuple[str, str, str, str]]:
+def table_rows(report: Report) -> Iterator[tuple[str, ...]]:
     """Under HEADER."""
     learning, test, observed = report.from_learning, report.from_test, report.observed
     for name, field in ROWS.items():

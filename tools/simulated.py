@@ -5,8 +5,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from companion.flight import LOG_NAME, FlightOrder, fly_plan
+from companion.flight import FlightOrder, fly_plan
 from companion.kernel.errors import SimulatorError
+from companion.logfolder import LOG_NAME
 from companion.plan import load_plan
 
 PLANS = Path(__file__).parents[1] / "flightplans"

@@ -121,11 +121,12 @@ def shots_of(
         image = learner.image_of(frame)
         places = grid_places(image.shape, settings.patch_px, settings.patches)
         yield Shot(
-            float(flight.time_s[number]),
-            image,
-            nearest_textons(image, dictionary, places),
-            *(float(flight.percept[name][number]) for name in ("stereo_px", "mono_px")),
-            float(flight.decision["threshold_px"][number]),
+            time_s=float(flight.time_s[number]),
+            image=image,
+            nearest=nearest_textons(image, dictionary, places),
+            stereo_px=float(flight.percept["stereo_px"][number]),
+            mono_px=float(flight.percept["mono_px"][number]),
+            threshold_px=float(flight.decision["threshold_px"][number]),
         )
 
 

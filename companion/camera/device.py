@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -129,7 +129,7 @@ class DeviceStereoCamera:
         if self._thread.is_alive():
             logger.warning("%s: the driver hangs; left behind", self._name)
 
-    async def frames(self) -> AsyncIterator[StereoFrame]:
+    async def frames(self) -> AsyncGenerator[StereoFrame, None]:
         """Each newest frame once. Raises CameraError when the camera stops or sends other sizes."""
         while True:
             await self._arrived.wait()
@@ -188,7 +188,7 @@ class VideoStereoCamera:
     ) -> None:
         self._stream.close()
 
-    async def frames(self) -> AsyncIterator[StereoFrame]:
+    async def frames(self) -> AsyncGenerator[StereoFrame, None]:
         """Ends with the file. Raises CameraError for frames of another size."""
         frame = self._stream.first
         while frame is not None:

@@ -1,7 +1,7 @@
 """A stereo camera in another process, over ZeroMQ; it brings motion capture where there is any."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 from types import TracebackType
 from typing import Self, cast
 
@@ -55,7 +55,7 @@ class RemoteCamera:
         poses, self._poses = self._poses, []
         return poses
 
-    async def frames(self) -> AsyncIterator[StereoFrame]:
+    async def frames(self) -> AsyncGenerator[StereoFrame, None]:
         """Each newest frame once; raises CameraError when the server falls silent."""
         while True:
             await self._arrived.wait()

@@ -1,6 +1,6 @@
 """A recording in the place of a camera."""
 
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncGenerator, Iterator
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -40,7 +40,7 @@ class ReplayCamera:
     ) -> None:
         """A recording holds nothing open between two frames."""
 
-    async def frames(self) -> AsyncIterator[StereoFrame]:
+    async def frames(self) -> AsyncGenerator[StereoFrame, None]:
         """Ends with the recording. Raises CameraError for a pair of another geometry."""
         shape = (self.calibration.height_px, self.calibration.width_px)
         for frame in self._recording:

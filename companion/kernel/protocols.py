@@ -1,6 +1,6 @@
 """The contracts at the companion's border: a vehicle, a camera, a motion-capture system."""
 
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncGenerator, Sequence
 from contextlib import AbstractAsyncContextManager
 from types import TracebackType
 from typing import NamedTuple, Protocol, Self
@@ -41,7 +41,7 @@ class StereoCamera(_Device, Protocol):
         """Frames that came while the consumer was busy; the newest wins."""
         ...
 
-    def frames(self) -> AsyncIterator[StereoFrame]:
+    def frames(self) -> AsyncGenerator[StereoFrame, None]:
         """Yields each newest frame once; ends when the source has no more.
 
         Raises CameraError for a frame of another geometry than the calibration declares.

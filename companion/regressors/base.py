@@ -7,10 +7,10 @@ from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
 from companion.kernel.settings import Settings
+from companion.parts import Arrays
 from companion.regressors.slots import Keep
 
 Floats = NDArray[np.float64]
-Arrays = dict[str, NDArray[np.generic]]
 
 
 class RegressorSettings(Settings, frozen=True):

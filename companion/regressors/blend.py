@@ -5,7 +5,8 @@ from typing import Literal, NamedTuple, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from companion.regressors.base import Arrays, Floats, Predictor, Regressor
+from companion.parts import Arrays, part, whole
+from companion.regressors.base import Floats, Predictor, Regressor
 
 
 class BlendModel(NamedTuple):
@@ -54,16 +55,10 @@ class BlendRegressor:
 
     def state(self) -> Arrays:
         """The members' arrays, each name after the member's place."""
-        return {
-            f"{place}.{name}": values
-            for place, member in enumerate(self.members)
-            for name, values in member.state().items()
-        }
+        return whole(**{str(n): member.state() for n, member in enumerate(self.members)})
 
     def restore(self, state: Arrays) -> Self:
         """Takes up where ``state`` was taken."""
         for place, member in enumerate(self.members):
-            prefix = f"{place}."
-            own = {n.removeprefix(prefix): v for n, v in state.items() if n.startswith(prefix)}
-            member.restore(own)
+            member.restore(part(state, str(place)))
         return self

@@ -6,19 +6,17 @@ paper scales images to 128x128 for a graphics card; here they are as companion.g
 them, so that a step fits between two frames on one core.
 """
 
-from typing import Literal, Self, overload
-
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, RegressorMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import validate_data
 from torch import nn
 
 from companion.gradients import HEIGHT_PX, WIDTH_PX
-from companion.regressors.base import Arrays, Floats
-from companion.regressors.mlp import draw_evenly
-from companion.regressors.scaling import RunningScale
+from companion.parts import Arrays, whole
+from companion.regressors.base import Floats
+from companion.regressors.online import Answer
+from companion.regressors.replay import ReplayRegressor, draw_evenly
 
 KERNELS = 32, 32, 128
 KERNEL_PX = 5
@@ -40,12 +38,10 @@ CHUNK = 64
 torch.set_num_threads(1)
 
 
-class CNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sklearn is untyped
-    """Rows of ``X`` are images (height * width,) of grey levels.
+class CNNRegressor(ReplayRegressor):
+    """Rows of ``X`` are images (height * width,) of grey levels; the newest are remembered."""
 
-    ``capacity`` images are remembered, each new one beyond it in place of the oldest; every call
-    of ``partial_fit`` takes ``n_steps`` steps with ``batch`` remembered images.
-    """
+    STORED = np.uint8
 
     def __init__(
         self,
@@ -63,89 +59,7 @@ class CNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         self.capacity = capacity
         self.random_state = random_state
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Forgets all, then learns ``X`` (n, height * width) and ``y`` (n,) until it settles."""
-        samples, targets = self._validated(X, y, reset=True)
-        self._start()._remember(samples, targets)
-        self._train(max(300, 2 * len(targets) // self.batch))
-        return self
-
-    def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Remembers the samples and takes ``n_steps`` steps."""
-        first = not hasattr(self, "network_")
-        samples, targets = self._validated(X, y, reset=first)
-        if first:
-            self._start()
-        else:
-            self._note_error(samples[:1], float(targets[0]))
-        self._remember(samples, targets)
-        self._train(self.n_steps)
-        return self
-
-    @overload
-    def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> Floats: ...
-    @overload
-    def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Floats, Floats]: ...
-    def predict(self, X: ArrayLike, return_std: bool = False) -> Floats | tuple[Floats, Floats]:
-        """Estimates (n,); spread: the usual error of new samples that were estimated alike."""
-        check_is_fitted(self)
-        samples = validate_data(self, X, dtype=np.float32, reset=False)
-        scaled = self._answer(samples)
-        mean: Floats = scaled * self.outputs_.scale[0] + self.outputs_.mean[0]
-        if not return_std:
-            return mean
-        return mean, np.sqrt(self.errors_[np.digitize(scaled, ERROR_EDGES)])
-
-    def snapshot(self) -> Self:
-        """The model as it is now; it shares nothing with this one."""
-        check_is_fitted(self)
-        return type(self)(**self.get_params()).restore(self.state())
-
-    def state(self) -> Arrays:
-        """Images remembered, oldest first, weights, their averages and the optimiser's moments."""
-        if not hasattr(self, "network_"):
-            return {}
-        order = np.roll(np.arange(len(self.images_)), -(self.n_seen_ % len(self.images_)))
-        arrays: Arrays = {
-            "X": np.stack(self.images_)[order],
-            "y": np.array(self.targets_)[order],
-            "counts": np.array([self.n_seen_, self.n_steps_], dtype=np.int64),
-            "errors": self.errors_.copy(),
-            "error_counts": self.error_counts_.copy(),
-        }
-        arrays |= {f"out.{name}": np.copy(part) for name, part in self.outputs_.state().items()}
-        for name, tensors in self._tensors().items():
-            for place, tensor in enumerate(tensors):
-                arrays[f"{name}.{place}"] = tensor.detach().numpy().copy()
-        return arrays
-
-    def restore(self, state: Arrays) -> Self:
-        """Takes up where ``state`` was taken; learning goes on to the same bits."""
-        if not state:
-            return self
-        self.n_features_in_ = self.height * self.width
-        self._start()
-        self.n_seen_, self.n_steps_ = (int(count) for count in state["counts"])
-        images, targets = (state[name][-self.capacity :] for name in ("X", "y"))
-        oldest = self.n_seen_ % self.capacity if len(targets) == self.capacity else 0
-        self.images_: list[NDArray[np.uint8]] = list(
-            np.roll(np.asarray(images, dtype=np.uint8), oldest, axis=0)
-        )
-        self.targets_: list[float] = np.roll(np.asarray(targets, dtype=np.float64), oldest).tolist()
-        for moments in self.optimiser_.state.values():
-            moments["step"].fill_(self.n_steps_)
-        self.errors_ = np.array(state["errors"], dtype=np.float64)
-        self.error_counts_ = np.array(state["error_counts"], dtype=np.int64)
-        prefix = "out."
-        scale = {n.removeprefix(prefix): v for n, v in state.items() if n.startswith(prefix)}
-        self.outputs_.restore(scale)
-        with torch.no_grad():
-            for name, tensors in self._tensors().items():
-                for place, tensor in enumerate(tensors):
-                    tensor.copy_(torch.from_numpy(np.array(state[f"{name}.{place}"])))
-        return self
-
-    def _validated(
+    def _checked(
         self, X: ArrayLike, y: ArrayLike, *, reset: bool
     ) -> tuple[NDArray[np.float32], Floats]:
         samples, targets = validate_data(
@@ -158,7 +72,35 @@ class CNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
             )
         return samples, np.asarray(targets, dtype=np.float64)
 
-    def _start(self) -> Self:
+    def _answer(self, X: ArrayLike) -> Answer:
+        """Spread: the usual error of new samples that were estimated alike."""
+        samples = validate_data(self, X, dtype=np.float32, reset=False)
+        scaled = self._asked(samples)
+        mean: Floats = scaled * self.outputs_.scale[0] + self.outputs_.mean[0]
+        return mean, lambda: np.sqrt(self.errors_[np.digitize(scaled, ERROR_EDGES)])
+
+    def _arrays(self) -> Arrays:
+        """Memory, errors, weights, their averages and the optimiser's moments."""
+        arrays = self._memory_arrays(self.n_steps_)
+        arrays |= {"errors": self.errors_.copy(), "error_counts": self.error_counts_.copy()}
+        arrays |= whole(out=self.outputs_.state())
+        for name, tensors in self._tensors().items():
+            for place, tensor in enumerate(tensors):
+                arrays[f"{name}.{place}"] = tensor.detach().numpy().copy()
+        return arrays
+
+    def _take_up(self, state: Arrays) -> None:
+        self.n_steps_ = self._take_up_memory(state)
+        for moments in self.optimiser_.state.values():
+            moments["step"].fill_(self.n_steps_)
+        self.errors_ = np.array(state["errors"], dtype=np.float64)
+        self.error_counts_ = np.array(state["error_counts"], dtype=np.int64)
+        with torch.no_grad():
+            for name, tensors in self._tensors().items():
+                for place, tensor in enumerate(tensors):
+                    tensor.copy_(torch.from_numpy(np.array(state[f"{name}.{place}"])))
+
+    def _start(self) -> None:
         rng = np.random.default_rng(self.random_state)
         self.network_ = make_network(self.height, self.width, rng)
         self.average_ = make_network(self.height, self.width, rng)
@@ -169,12 +111,9 @@ class CNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
                 "exp_avg": torch.zeros_like(weights),
                 "exp_avg_sq": torch.zeros_like(weights),
             }
-        self.outputs_ = RunningScale(1)
-        self.images_, self.targets_ = [], []
-        self.n_seen_ = self.n_steps_ = 0
+        self.n_steps_ = 0
         self.errors_ = np.zeros(len(ERROR_EDGES) + 1)
         self.error_counts_ = np.zeros(len(ERROR_EDGES) + 1, dtype=np.int64)
-        return self
 
     def _tensors(self) -> dict[str, list[torch.Tensor]]:
         """All that steps change."""
@@ -188,7 +127,7 @@ class CNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
 
     def _note_error(self, sample: NDArray[np.float32], target: float) -> None:
         """Of the first sample of a call, before it is learned from."""
-        scaled = self._answer(sample)
+        scaled = self._asked(sample)
         error = float(scaled[0]) * self.outputs_.scale[0] + self.outputs_.mean[0] - target
         place = int(np.digitize(scaled, ERROR_EDGES)[0])
         self.error_counts_[place] += 1
@@ -197,26 +136,17 @@ class CNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         unknown = self.error_counts_ == 0
         self.errors_[unknown] = self.errors_[~unknown].mean()
 
-    def _remember(self, samples: NDArray[np.float32], targets: Floats) -> None:
-        self.outputs_.update(targets[:, np.newaxis])
-        images = np.clip(np.rint(samples), 0, 255).astype(np.uint8)
-        for image, target in zip(images, targets, strict=True):
-            if len(self.images_) < self.capacity:
-                self.images_.append(image)
-                self.targets_.append(float(target))
-            else:
-                slot = self.n_seen_ % self.capacity
-                self.images_[slot], self.targets_[slot] = image, float(target)
-            self.n_seen_ += 1
+    def _stored(self, samples: NDArray[np.float32]) -> NDArray[np.uint8]:
+        return np.clip(np.rint(samples), 0, 255).astype(np.uint8)
 
     def _train(self, n_steps: int) -> None:
-        targets = np.array(self.targets_)
+        targets = self.targets_[: self.memory_.n_kept]
         wanted = self.outputs_.apply(targets[:, np.newaxis])[:, 0]
         for _ in range(n_steps):
             # A generator per step: a restored model goes on as the original would.
             rng = np.random.default_rng([self.random_state, self.n_steps_])
             chosen = draw_evenly(targets, rng.random(self.batch), BALANCE)
-            images = self._tensor(np.stack([self.images_[row] for row in chosen]))
+            images = self._tensor(self.samples_[chosen])
             error = self.network_(images)[:, 0] - torch.from_numpy(wanted[chosen])
             self.optimiser_.zero_grad()
             (0.5 * (error**2).mean()).backward()
@@ -233,7 +163,7 @@ class CNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
             ):
                 mean.lerp_(weights, share)
 
-    def _answer(self, samples: NDArray[np.float32]) -> Floats:
+    def _asked(self, samples: NDArray[np.float32]) -> Floats:
         """In deviations from the mean target, (n,)."""
         with torch.no_grad():
             parts = [

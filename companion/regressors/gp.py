@@ -1,22 +1,23 @@
 """Gaussian process over a window of the newest samples: bounded work however long the flight."""
 
 from copy import copy
-from typing import Literal, Self, overload
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve
-from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from companion.regressors.base import Arrays, Floats
+from companion.parts import Arrays
+from companion.regressors.base import Floats
+from companion.regressors.online import Answer, OnlineRegressor
 
 
-class GPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sklearn is untyped
+class GPRegressor(OnlineRegressor):
     """Squared-exponential kernel on scaled features, of ``length`` times the root of their number.
 
-    The newest ``window`` samples are known; ``noise`` is the targets' own spread, as a share of
-    their deviation.
+    The newest ``window`` samples are known, older ones forgotten; ``noise`` is the targets' own
+    spread, as a share of their deviation.
     """
 
     def __init__(self, window: int = 400, length: float = 1.0, noise: float = 0.3) -> None:
@@ -24,54 +25,40 @@ class GPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sklea
         self.length = length
         self.noise = noise
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Forgets all, then learns ``X`` (n, n_features) and ``y`` (n,)."""
-        return self._learn(X, y, reset=True)
-
-    def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Adds samples; beyond ``window`` the oldest are forgotten."""
-        return self._learn(X, y, reset=not hasattr(self, "samples_"))
-
-    @overload
-    def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> Floats: ...
-    @overload
-    def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Floats, Floats]: ...
-    def predict(self, X: ArrayLike, return_std: bool = False) -> Floats | tuple[Floats, Floats]:
-        """Mean (n,) and standard deviation of the posterior, with the targets' own noise."""
-        check_is_fitted(self)
-        samples = validate_data(self, X, dtype=np.float64, reset=False)
-        near = self._kernel((samples - self.mean_) / self.scale_)
-        mean = near @ self.weights_ * self.target_scale_ + self.target_mean_
-        if not return_std:
-            return np.asarray(mean)
-        explained = np.einsum("ij,ji->i", near, cho_solve(self.factor_, near.T))
-        variance = np.maximum(1.0 - explained, 0.0) + self.noise**2
-        return np.asarray(mean), self.target_scale_ * np.sqrt(variance)
-
     def snapshot(self) -> Self:
         """The model as it is now; it shares nothing with this one."""
         check_is_fitted(self)
         return copy(self)  # whatever changes is replaced
 
-    def state(self) -> Arrays:
-        """The window's samples, oldest first: ``X`` (n, n_features), ``y`` (n,)."""
-        if not hasattr(self, "samples_"):
-            return {}
-        return {"X": self.samples_.copy(), "y": self.targets_.copy()}
-
-    def restore(self, state: Arrays) -> Self:
-        """Learns the samples of ``state`` afresh."""
-        return self.fit(state["X"], state["y"]) if state else self
-
     def _learn(self, X: ArrayLike, y: ArrayLike, *, reset: bool) -> Self:
         samples, targets = validate_data(self, X, y, dtype=np.float64, y_numeric=True, reset=reset)
         if not reset:
-            state = self.state()
-            samples = np.concatenate([state["X"], samples])
-            targets = np.concatenate([state["y"], targets])
-        self.samples_, self.targets_ = samples[-self.window :], targets[-self.window :]
+            samples = np.concatenate([self.samples_, samples])
+            targets = np.concatenate([self.targets_, targets])
+        self.samples_: Floats = samples[-self.window :]
+        self.targets_: Floats = targets[-self.window :]
         self._solve()
         return self
+
+    def _answer(self, X: ArrayLike) -> Answer:
+        """Mean and deviation of the posterior, with the targets' own noise."""
+        samples = validate_data(self, X, dtype=np.float64, reset=False)
+        near = self._kernel((samples - self.mean_) / self.scale_)
+        mean = near @ self.weights_ * self.target_scale_ + self.target_mean_
+
+        def spread() -> Floats:
+            explained = np.einsum("ij,ji->i", near, cho_solve(self.factor_, near.T))
+            variance = np.maximum(1.0 - explained, 0.0) + self.noise**2
+            return np.asarray(self.target_scale_ * np.sqrt(variance))
+
+        return np.asarray(mean), spread
+
+    def _arrays(self) -> Arrays:
+        """The window's samples, oldest first: ``X`` (n, n_features), ``y`` (n,)."""
+        return {"X": self.samples_.copy(), "y": self.targets_.copy()}
+
+    def _take_up(self, state: Arrays) -> None:
+        self.fit(state["X"], state["y"])
 
     def _solve(self) -> None:
         """The window's weights."""

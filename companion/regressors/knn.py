@@ -5,12 +5,13 @@ from typing import Literal, NamedTuple, Self, overload
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
-from companion.regressors.base import Arrays, Floats
+from companion.parts import Arrays
+from companion.regressors.base import Floats
 from companion.regressors.checks import checked, checked_samples
 from companion.regressors.neighbours import Neighbours
+from companion.regressors.online import Answer, OnlineRegressor
 from companion.regressors.slots import Keep, SlotMemory, Slots
 
 
@@ -35,7 +36,7 @@ class KNNModel(NamedTuple):
         return (mean, std) if return_std else mean
 
 
-class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sklearn is untyped
+class KNNRegressor(OnlineRegressor):
     """Mean of the ``n_neighbors`` nearest samples (Euclidean, float32).
 
     Beyond ``capacity`` those are kept that ``keep`` says (slots.SlotMemory). Learned: ``memory_``,
@@ -49,31 +50,6 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         self.capacity = capacity
         self.keep = keep
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Forgets all, then learns ``X`` (n, n_features) and ``y`` (n,)."""
-        X, y = checked(self, X, y, np.float32, reset=True)
-        return self._start(X.shape[1])._append(X, y)
-
-    def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Adds samples."""
-        first = not hasattr(self, "neighbours_")
-        X, y = checked(self, X, y, np.float32, reset=first)
-        if first:
-            self._start(X.shape[1])
-        return self._append(X, y)
-
-    @overload
-    def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> Floats: ...
-    @overload
-    def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Floats, Floats]: ...
-    def predict(self, X: ArrayLike, return_std: bool = False) -> Floats | tuple[Floats, Floats]:
-        """See KNNModel.predict. Raises NotFittedError before the first sample."""
-        if not hasattr(self, "neighbours_"):
-            check_is_fitted(self)
-        X = checked_samples(self, X, np.float32)
-        model = KNNModel(self.neighbours_, self.targets_, self.memory_.n_kept, self.n_neighbors)
-        return model.predict(X, return_std=True) if return_std else model.predict(X)
-
     def snapshot(self) -> KNNModel:
         """The model as it is now, as a copy."""
         check_is_fitted(self)
@@ -81,13 +57,24 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         targets = self.targets_[:n_kept].copy()
         return KNNModel(self.neighbours_.copy(), targets, n_kept, self.n_neighbors)
 
-    def state(self) -> Arrays:
+    def _learn(self, X: ArrayLike, y: ArrayLike, *, reset: bool) -> Self:
+        samples, targets = checked(self, X, y, np.float32, reset=reset)
+        if reset:
+            self._start(samples.shape[1])
+        return self._append(samples, targets)
+
+    def _answer(self, X: ArrayLike) -> Answer:
+        """See KNNModel.predict."""
+        samples = checked_samples(self, X, np.float32)
+        model = KNNModel(self.neighbours_, self.targets_, self.memory_.n_kept, self.n_neighbors)
+        mean, std = model.predict(samples, return_std=True)
+        return mean, lambda: std
+
+    def _arrays(self) -> Arrays:
         """Samples oldest first: ``X`` (n_samples, n_features), ``y`` (n_samples,).
 
         An even sample needs to know of how many it is: ``n_seen``.
         """
-        if not hasattr(self, "neighbours_"):
-            return {}
         order = self.memory_.order()
         rows = self.neighbours_.rows(self.memory_.n_kept)
         arrays: Arrays = {"X": rows[order], "y": self.targets_[order]}
@@ -95,21 +82,18 @@ class KNNRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
             arrays["n_seen"] = np.array(self.memory_.n_seen)
         return arrays
 
-    def restore(self, state: Arrays) -> Self:
-        """Takes up where ``state`` was taken; the newest samples where not all fit."""
-        if not state:
-            return self
+    def _take_up(self, state: Arrays) -> None:
+        """The newest samples where not all fit."""
         X, y = checked(self, state["X"], state["y"], np.float32, reset=True)
         n_seen = int(np.asarray(state.get("n_seen", len(y)), dtype=np.int64))
         X, y = X[-self.capacity :], y[-self.capacity :]
         self._start(X.shape[1])
-        return self._put(X, y, self.memory_.restore(max(n_seen, len(y)), len(y)))
+        self._put(X, y, self.memory_.restore(max(n_seen, len(y)), len(y)))
 
-    def _start(self, n_features: int) -> Self:
+    def _start(self, n_features: int) -> None:
         self.neighbours_ = Neighbours(n_features)
         self.targets_ = np.zeros(0)
         self.memory_ = SlotMemory(self.capacity, self.keep)
-        return self
 
     def _append(self, X: NDArray[np.float32], y: Floats) -> Self:
         slots = self.memory_.take(len(y))

@@ -1,37 +1,38 @@
-"""Small neural networks that learn on while they fly, from a bounded memory of samples.
+"""Small neural networks trained by replay.
 
 Several networks with two hidden layers start from different weights and see different draws of
-the memory; their mean is the estimate, and where they disagree nothing like it was learned. Each
-call takes a few steps, so that a frame costs the same at the end of a flight as at its beginning.
+the memory; their mean is the estimate, and where they disagree nothing like it was learned.
 """
 
 from copy import copy, deepcopy
-from typing import Literal, Self, overload
+from typing import Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
-from companion.regressors.base import Arrays, Floats
+from companion.parts import Arrays, part, whole
+from companion.regressors.base import Floats
 from companion.regressors.checks import checked, checked_samples
 from companion.regressors.network import Network, Tensor
+from companion.regressors.online import Answer
+from companion.regressors.replay import ReplayRegressor, draw_evenly
 from companion.regressors.scaling import RunningScale
-from companion.regressors.slots import Keep, SlotMemory, Slots
+from companion.regressors.slots import Keep
 
-BINS = 20
-"""Targets are drawn from this many ranges, of which the rare ones count for more."""
 RESIDUAL_RATE = 0.01
 """Weight of the newest error in the running mean of squared errors."""
 
 
-class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sklearn is untyped
-    """Mean of ``n_networks`` networks trained by replay; ``predict`` gives their spread too.
+class MLPRegressor(ReplayRegressor):
+    """Mean of ``n_networks`` networks; ``predict`` gives their spread too.
 
-    ``capacity`` samples are remembered, beyond it those that ``keep`` says (slots.SlotMemory);
-    every call of ``partial_fit`` takes ``n_steps`` steps with ``batch`` of them per network.
+    Every step takes ``batch`` samples per network. Learned: ``network_``, ``inputs_``, the
+    features' scale, and ``error_``.
     """
+
+    # Half precision halves the saved model; features are measured far less precisely.
+    STORED = np.float16
 
     def __init__(
         self,
@@ -53,41 +54,6 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         self.random_state = random_state
         self.keep = keep
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Forgets all, then learns ``X`` (n, n_features) and ``y`` (n,) until it settles."""
-        samples, targets = checked(self, X, y, np.float32, reset=True)
-        self._start()._remember(samples, targets)
-        for _ in range(max(300, 2 * len(targets) // self.batch)):
-            self._train(1)
-        return self
-
-    def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Remembers the samples and takes ``n_steps`` steps."""
-        first = not hasattr(self, "network_")
-        samples, targets = checked(self, X, y, np.float32, reset=first)
-        if first:
-            self._start()
-        if not first:
-            self._note_error(samples[0], float(targets[0]))
-        self._remember(samples, targets)
-        self._train(self.n_steps)
-        return self
-
-    @overload
-    def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> Floats: ...
-    @overload
-    def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Floats, Floats]: ...
-    def predict(self, X: ArrayLike, return_std: bool = False) -> Floats | tuple[Floats, Floats]:
-        """Mean (n,); spread: the networks' disagreement and the usual error of new samples."""
-        check_is_fitted(self)
-        samples = checked_samples(self, X, np.float32)
-        answers = self.network_.answer(self.inputs_.apply(samples))
-        mean = answers.mean(axis=0) * self.outputs_.scale[0] + self.outputs_.mean[0]
-        if not return_std:
-            return np.asarray(mean, dtype=np.float64)
-        variance = answers.var(axis=0, ddof=min(1, self.n_networks - 1)) * self.outputs_.scale**2
-        return np.asarray(mean, dtype=np.float64), np.sqrt(variance + self.error_)
-
     def snapshot(self) -> Self:
         """The model as it is now; it only predicts, and shares nothing that changes."""
         check_is_fitted(self)
@@ -97,74 +63,49 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
         )
         return twin
 
-    def state(self) -> Arrays:
-        """Memory oldest first, scales, weights and the optimiser's moments."""
-        if not hasattr(self, "network_"):
-            return {}
-        order = self.memory_.order()
-        arrays: Arrays = {
-            "X": self.samples_[order],
-            "y": self.targets_[order],
-            "counts": np.array([self.memory_.n_seen, self.network_.n_steps], dtype=np.int64),
-            "error": np.array(self.error_),
-        }
-        if self.keep == "mixed":
-            arrays["order"] = order
-        for prefix, part in (("in", self.inputs_), ("out", self.outputs_)):
-            arrays |= {f"{prefix}.{name}": values for name, values in part.state().items()}
-        return arrays | self.network_.state()
+    def _checked(
+        self, X: ArrayLike, y: ArrayLike, *, reset: bool
+    ) -> tuple[NDArray[np.float32], Floats]:
+        return checked(self, X, y, np.float32, reset=reset)
 
-    def restore(self, state: Arrays) -> Self:
-        """Takes up where ``state`` was taken; learning goes on to the same bits."""
-        if not state:
-            return self
-        samples = np.asarray(state["X"], dtype=np.float16)[-self.capacity :]
-        self.n_features_in_ = samples.shape[1]
-        self._start()
-        n_seen, n_steps = (int(count) for count in state["counts"])
-        slots = self.memory_.restore(n_seen, len(samples), _slots_in(state))
-        self._grow(len(samples))
-        self.samples_[slots], self.targets_[slots] = samples, state["y"][-self.capacity :]
+    def _answer(self, X: ArrayLike) -> Answer:
+        """Spread: the networks' disagreement and the usual error of new samples."""
+        samples = checked_samples(self, X, np.float32)
+        answers = self.network_.answer(self.inputs_.apply(samples))
+        mean = answers.mean(axis=0) * self.outputs_.scale[0] + self.outputs_.mean[0]
+
+        def spread() -> Floats:
+            own = answers.var(axis=0, ddof=min(1, self.n_networks - 1)) * self.outputs_.scale**2
+            return np.asarray(np.sqrt(own + self.error_))
+
+        return np.asarray(mean, dtype=np.float64), spread
+
+    def _arrays(self) -> Arrays:
+        """Memory, scales, weights and the optimiser's moments."""
+        arrays = self._memory_arrays(self.network_.n_steps) | {"error": np.array(self.error_)}
+        scales = whole(**{"in": self.inputs_.state(), "out": self.outputs_.state()})
+        return arrays | scales | self.network_.state()
+
+    def _take_up(self, state: Arrays) -> None:
+        n_steps = self._take_up_memory(state)
         self.error_ = float(np.asarray(state["error"], dtype=np.float64))
-        for prefix, part in (("in.", self.inputs_), ("out.", self.outputs_)):
-            part.restore(
-                {n.removeprefix(prefix): v for n, v in state.items() if n.startswith(prefix)}
-            )
+        self.inputs_.restore(part(state, "in"))
         self.network_.restore(state, n_steps)
-        return self
 
-    def _start(self) -> Self:
+    def _start(self) -> None:
         n_features = self.n_features_in_
         rng = np.random.default_rng(self.random_state)
         self.network_ = Network((n_features, *self.hidden, 1), self.n_networks, rng)
-        self.inputs_, self.outputs_ = RunningScale(n_features), RunningScale(1)
-        # Half precision halves the saved model; features are measured far less precisely.
-        self.samples_ = np.zeros((0, n_features), dtype=np.float16)
-        self.targets_ = np.zeros(0)
-        self.memory_ = SlotMemory(self.capacity, self.keep, self.random_state)
+        self.inputs_ = RunningScale(n_features)
         self.error_ = 0.0
-        return self
 
     def _note_error(self, sample: NDArray[np.float32], target: float) -> None:
-        """Of the first sample of a call, before it is learned from."""
-        squared = (float(self.predict(sample[np.newaxis])[0]) - target) ** 2
+        squared = (float(self.predict(sample)[0]) - target) ** 2
         self.error_ += RESIDUAL_RATE * (squared - self.error_)
 
     def _remember(self, samples: NDArray[np.float32], targets: Floats) -> None:
         self.inputs_.update(samples)
-        self.outputs_.update(targets[:, np.newaxis])
-        slots = self.memory_.take(len(targets))
-        self._grow(self.memory_.n_kept)
-        self.samples_[slots], self.targets_[slots] = samples, targets
-
-    def _grow(self, n_samples: int) -> None:
-        missing = n_samples - len(self.targets_)
-        if missing <= 0:
-            return
-        extra = min(max(missing, len(self.targets_)), self.capacity - len(self.targets_))
-        room = np.zeros((extra, self.n_features_in_), dtype=np.float16)
-        self.samples_ = np.concatenate([self.samples_, room])
-        self.targets_ = np.concatenate([self.targets_, np.zeros(extra)])
+        super()._remember(samples, targets)
 
     def _train(self, n_steps: int) -> None:
         n_kept = self.memory_.n_kept
@@ -178,26 +119,3 @@ class MLPRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # skle
             shape = (self.n_networks, self.batch)
             batch: Tensor = inputs.reshape(*shape, -1)
             self.network_.step(batch, wanted.reshape(shape), rng)
-
-
-def _slots_in(state: Arrays) -> Slots | None:
-    return np.asarray(state["order"], dtype=np.int64) if "order" in state else None
-
-
-@njit("i8[::1](f8[::1], f8[::1], f8)", cache=True, nogil=True)
-def draw_evenly(targets, draws, balance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - numba finds the types
-    """Rows for ``draws`` in [0, 1): a row weighs the share of rows like it to ``-balance``."""
-    least, most = targets.min(), targets.max()
-    per_px = (BINS - 1e-6) / max(most - least, 1e-9)
-    counts = np.zeros(BINS)
-    for target in targets:
-        counts[int((target - least) * per_px)] += 1.0
-    # As a share of all, with a floor: a single odd sample must not fill every batch.
-    weights = (counts / len(targets) + 0.01) ** -balance
-    total = np.empty(len(targets))
-    running = 0.0
-    for row in range(len(targets)):
-        running += weights[int((targets[row] - least) * per_px)]
-        total[row] = running
-    rows = np.searchsorted(total, draws * running, side="right")
-    return np.minimum(rows, len(targets) - 1)

@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from companion.kernel.fastmath import FASTMATH
-from companion.regressors.base import Arrays
+from companion.parts import Arrays
 
 Tensor = NDArray[np.float32]
 
@@ -96,7 +96,7 @@ class Network:
     def state(self) -> Arrays:
         """Weights, their averages and the optimiser's moments."""
         return {
-            f"{name}.{place}": values
+            f"{name}.{place}": values.copy()
             for name, parts in self._named().items()
             for place, values in enumerate(parts)
         }

@@ -1,20 +1,21 @@
 """Ridge regression from running sums: exact whatever the order, and no sample is kept."""
 
 from copy import copy
-from typing import Literal, Self, overload
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
-from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
-from companion.regressors.base import Arrays, Floats
+from companion.parts import Arrays
+from companion.regressors.base import Floats
 from companion.regressors.checks import checked, checked_samples
+from companion.regressors.online import Answer, OnlineRegressor
 from companion.regressors.scaling import Rarity
 
 
-class RidgeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sklearn is untyped
+class RidgeRegressor(OnlineRegressor):
     """Least squares on scaled features with a penalty of ``alpha`` samples' worth.
 
     The weights are solved for anew whenever the samples have grown by the share ``refresh``. With
@@ -27,57 +28,12 @@ class RidgeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sk
         self.refresh = refresh
         self.balance = balance
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Forgets all, then learns ``X`` (n, n_features) and ``y`` (n,)."""
-        return self._learn(X, y, reset=True)
-
-    def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Adds samples."""
-        return self._learn(X, y, reset=not hasattr(self, "moments_"))
-
-    @overload
-    def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> Floats: ...
-    @overload
-    def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[Floats, Floats]: ...
-    def predict(self, X: ArrayLike, return_std: bool = False) -> Floats | tuple[Floats, Floats]:
-        """Mean (n,); spread: of the residuals, and of the weights far from what was seen."""
-        check_is_fitted(self)
-        samples = checked_samples(self, X, np.float64)
-        centred = (samples - self.mean_) / self.scale_
-        mean = centred @ self.weights_ + self.target_mean_
-        if not return_std:
-            return np.asarray(mean)
-        reach = np.einsum("ij,ji->i", centred, cho_solve(self.factor_, centred.T))
-        share = 1.0 / self.moments_[0, 0]
-        return np.asarray(mean), np.sqrt(self.variance_ * (1.0 + share + reach))
-
     def snapshot(self) -> Self:
         """The model as it is now; it shares nothing with this one."""
         check_is_fitted(self)
         twin = copy(self)  # all but the sums is replaced when it changes
         twin.moments_ = self.moments_.copy()
         return twin
-
-    def state(self) -> Arrays:
-        """The sums now, and those that the weights are of."""
-        if not hasattr(self, "moments_"):
-            return {}
-        return {
-            "moments": self.moments_.copy(),
-            "solved": self.solved_moments_.copy(),
-            "counts": self.rarity_.counts.copy(),
-        }
-
-    def restore(self, state: Arrays) -> Self:
-        """Takes up where ``state`` was taken."""
-        if state:
-            self.n_features_in_ = len(state["moments"]) - 2
-            self.moments_ = np.array(state["solved"], dtype=np.float64)
-            self._solve()
-            self.moments_ = np.array(state["moments"], dtype=np.float64)
-            self.rarity_ = Rarity()
-            self.rarity_.counts = np.array(state["counts"], dtype=np.float64)
-        return self
 
     def _learn(self, X: ArrayLike, y: ArrayLike, *, reset: bool) -> Self:
         samples, targets = checked(self, X, y, np.float64, reset=reset)
@@ -94,6 +50,35 @@ class RidgeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # sk
         if reset or self.moments_[0, 0] > (1.0 + self.refresh) * self.solved_moments_[0, 0]:
             self._solve()
         return self
+
+    def _answer(self, X: ArrayLike) -> Answer:
+        """Spread: of the residuals, and of the weights far from what was seen."""
+        samples = checked_samples(self, X, np.float64)
+        centred = (samples - self.mean_) / self.scale_
+        mean = centred @ self.weights_ + self.target_mean_
+
+        def spread() -> Floats:
+            reach = np.einsum("ij,ji->i", centred, cho_solve(self.factor_, centred.T))
+            share = 1.0 / self.moments_[0, 0]
+            return np.asarray(np.sqrt(self.variance_ * (1.0 + share + reach)))
+
+        return np.asarray(mean), spread
+
+    def _arrays(self) -> Arrays:
+        """The sums now, and those that the weights are of."""
+        return {
+            "moments": self.moments_.copy(),
+            "solved": self.solved_moments_.copy(),
+            "counts": self.rarity_.counts.copy(),
+        }
+
+    def _take_up(self, state: Arrays) -> None:
+        self.n_features_in_ = len(state["moments"]) - 2
+        self.moments_ = np.array(state["solved"], dtype=np.float64)
+        self._solve()
+        self.moments_ = np.array(state["moments"], dtype=np.float64)
+        self.rarity_ = Rarity()
+        self.rarity_.counts = np.array(state["counts"], dtype=np.float64)
 
     def _solve(self) -> None:
         """Weights from the sums."""

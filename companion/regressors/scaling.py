@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.regressors.base import Arrays, Floats
+from companion.parts import Arrays
+from companion.regressors.base import Floats
 
 LEAST_SPREAD = 1e-6
 """Below it a feature is a constant, and its noise is not blown up."""
@@ -63,7 +64,8 @@ class RunningScale:
 
     def state(self) -> Arrays:
         """All that was learned, as plain arrays."""
-        return {"n_rows": np.array(self.n_rows), "mean": self.mean, "scatter": self._scatter}
+        mean, scatter = self.mean.copy(), self._scatter.copy()
+        return {"n_rows": np.array(self.n_rows), "mean": mean, "scatter": scatter}
 
     def restore(self, state: Arrays) -> None:
         """Takes up where ``state`` was taken."""

@@ -49,11 +49,12 @@ class SlotMemory:
     def restore(self, n_seen: int, n_kept: int, order: Slots | None = None) -> Slots:
         """As after ``n_seen`` samples of which ``n_kept`` came back, the oldest first.
 
-        ``order`` is what it was when they were saved. Returns the slots that they go to.
+        ``order`` is what it was when they were saved. Returns the slots that they go to. Where
+        there is room for more than came back, the others are as if never seen.
         """
-        self.n_seen = n_seen
+        self.n_seen = n_seen if n_kept == min(n_seen, self.capacity) else n_kept
         if self.keep == "newest":
-            return (n_seen - n_kept + np.arange(n_kept)) % self.capacity
+            return (self.n_seen - n_kept + np.arange(n_kept)) % self.capacity
         slots = np.arange(n_kept) if order is None or len(order) != n_kept else order
         n_past = n_kept - min(n_kept, self._n_newest)
         self._past, self._newest = slots[:n_past].tolist(), deque(slots[n_past:].tolist())

@@ -182,7 +182,7 @@ class MavsdkVehicle:
         self._offboard = Offboard(system._system)
         self._plugin = TelemetryPlugin(system._system)
         self._texts = ServerUtility(system._system)
-        self._subscribe()
+        self._slots.subscribe(self._plugin)
         rate_hz = self._settings.telemetry_rate_hz
         await _ask("set the odometry's rate", self._plugin.set_rate_odometry, rate_hz)
         deadline_s = wall_s() + limit_s
@@ -190,16 +190,6 @@ class MavsdkVehicle:
             if wall_s() > deadline_s:
                 raise LinkError(f"{self._url}: a heartbeat, but no odometry within {limit_s:g} s")
             await self._clock.sleep(POLL_PERIOD_S)
-
-    def _subscribe(self) -> None:
-        plugin, slots = self._plugin, self._slots
-        plugin.subscribe_odometry(slots.on_odometry)
-        plugin.subscribe_position_velocity_ned(slots.on_position_velocity)
-        plugin.subscribe_armed(slots.on_armed)
-        plugin.subscribe_flight_mode(slots.on_flight_mode)
-        plugin.subscribe_landed_state(slots.on_landed_state)
-        plugin.subscribe_battery(slots.on_battery)
-        plugin.subscribe_health(slots.on_health)
 
     def _check_link(self) -> None:
         silence_s = wall_s() - self._slots.heard_wall_s

@@ -51,6 +51,16 @@ class TelemetrySlots:
         self._landed_state = LandedState.UNKNOWN
         self._battery_norm = NAN
 
+    def subscribe(self, plugin: MavsdkData) -> None:
+        """Fills the slots from MAVSDK's telemetry plugin from now on."""
+        plugin.subscribe_odometry(self.on_odometry)
+        plugin.subscribe_position_velocity_ned(self.on_position_velocity)
+        plugin.subscribe_armed(self.on_armed)
+        plugin.subscribe_flight_mode(self.on_flight_mode)
+        plugin.subscribe_landed_state(self.on_landed_state)
+        plugin.subscribe_battery(self.on_battery)
+        plugin.subscribe_health(self.on_health)
+
     @property
     def complete(self) -> bool:
         """Whether an estimate and a heartbeat have come, so that no field is a mere default."""

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.regressors import RegressorSettings, make
 from companion.regressors.slots import SlotMemory
 
 KEEPS = ["newest", "mixed"]
@@ -63,3 +64,25 @@ def test_many_at_once_are_as_one_by_one():
     one, many = SlotMemory(10, "mixed"), SlotMemory(10, "mixed")
     slots = [int(slot) for _ in range(37) for slot in one.take(1)]
     assert slots == list(many.take(37))
+
+
+@pytest.mark.parametrize("keep", KEEPS)
+def test_a_memory_that_was_saved_smaller_has_room_for_more(keep):
+    small, large = SlotMemory(16, keep), SlotMemory(40, keep)
+    contents = remembered(small, {}, 90)
+    held = [contents[slot] for slot in small.order()]
+    again = dict(zip(large.restore(90, 16, small.order()), held, strict=True))
+    remembered(large, again, 24, first=90)
+    assert [again[slot] for slot in large.order()] == [*held, *range(90, 114)]
+
+
+@pytest.mark.parametrize("keep", KEEPS)
+@pytest.mark.parametrize("name", ["knn", "mlp"])
+def test_a_model_that_was_saved_smaller_learns_on(name, keep):
+    rng = np.random.default_rng(4)
+    X, y = rng.normal(size=(60, 3)).astype(np.float32), np.arange(60.0)
+    small, large = (make(name, RegressorSettings(capacity=n, keep=keep)) for n in (10, 30))
+    for row in range(50):
+        small.partial_fit(X[row : row + 1], y[row : row + 1])
+    large.restore(small.state()).partial_fit(X[50:], y[50:])
+    assert large.state()["y"].tolist() == [*small.state()["y"], *range(50, 60)]

@@ -13,8 +13,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.clock import wall_s
 from companion.kernel.errors import CompanionError
+from companion.kernel.messages import StereoFrame
 
 EXAMPLES = 60
 HANG_S = 20
@@ -121,6 +123,19 @@ class Target:
             self._keep.write_bytes(data)  # the newest is the smallest that Hypothesis found
             raise
         assert len(said.splitlines()) == 1, f"not one line: {said!r}"
+
+
+@pytest.fixture(scope="session")
+def camera():
+    """Calibration of the cameras that took ``pair``."""
+    eye = Intrinsics(100.0, 100.0, 64.0, 48.0)
+    return StereoCalibration(128, 96, eye, eye, 0.06)
+
+
+@pytest.fixture
+def pair():
+    left, right = np.random.default_rng(1).integers(0, 256, (2, 96, 128), dtype=np.uint8)
+    return StereoFrame(0, left, right)
 
 
 @pytest.fixture

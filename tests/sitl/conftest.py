@@ -3,9 +3,6 @@
 import functools
 import math
 import socket
-from collections import defaultdict
-from datetime import UTC, datetime
-from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
@@ -21,44 +18,6 @@ from sitl.mavlink.links import open_link
 from sitl.mavlink.server import MavlinkServer
 from sitl.settings import SitlSettings
 from sitl.simulator import World
-
-TABLES = {
-    "Rates": ("message", "PX4 v1.17", "measured"),
-    "Rates asked for": ("message", "asked", "measured"),
-    "Answers": ("command", "state", "COMMAND_ACK"),
-    "Failsafes": ("cause", "parameter", "limit", "cause to reaction", "reaction"),
-}
-"""Columns of what ``px4_row`` takes."""
-
-
-def pytest_addoption(parser):
-    parser.addoption("--px4-table", metavar="FILE", type=Path, help="write what was measured")
-
-
-@pytest.fixture
-def px4_row(record_property):
-    """``px4_row(table, *cells)``: one more line of one of the TABLES."""
-    return lambda *cells: record_property("px4_row", cells)
-
-
-def pytest_terminal_summary(terminalreporter, config):
-    path = config.getoption("px4_table", default=None)
-    if path is None:
-        return
-    rows = defaultdict(list)
-    for report in terminalreporter.getreports("passed") + terminalreporter.getreports("failed"):
-        for key, row in report.user_properties:
-            if key == "px4_row":
-                table, *cells = row
-                rows[table].append(cells)
-    text = "".join(_markdown(title, head, rows[title]) for title, head in TABLES.items())
-    date = datetime.now(UTC).date()
-    path.write_text(f"# This vehicle beside PX4 v1.17\n\nSimulated seconds, {date}.\n{text}")
-
-
-def _markdown(title, head, rows):
-    lines = [head, ["---"] * len(head), *rows]
-    return f"\n## {title}\n\n" + "".join(f"| {' | '.join(map(str, line))} |\n" for line in lines)
 
 
 class Hall(NamedTuple):
@@ -152,7 +111,7 @@ def make_flight():
     return FlightCard
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_hall():
     return Hall
 

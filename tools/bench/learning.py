@@ -16,12 +16,13 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.neighbors import KNeighborsRegressor
 from sklearn.neural_network import MLPRegressor
 
+from companion.features import Features, Grey
 from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.messages import Telemetry
 from companion.learner import Learner
 from companion.learner_settings import LearnerSettings
 from companion.parallax import Parallax
-from companion.regressors import GPRegressor, KNNRegressor
+from companion.regressors import GPRegressor, KNNRegressor, Predictor
 from companion.textons import TextonEncoder, TextonSettings, TextonTrainer
 from sitl.arena.paint import Sheet
 from sitl.arena.patterns import plywood_tape
@@ -35,8 +36,6 @@ QUERIES = 64
 PATCHES, TRAINING_IMAGES = 50_000, 250
 WINDOW = 400
 FRAMES = 400
-
-Grey = NDArray[np.uint8]
 
 
 class Wall:
@@ -146,13 +145,19 @@ def _process_row(samples: NDArray[np.float32], zooms: NDArray[np.float64]) -> Ro
 def _best_rows(wall: Wall) -> Iterator[Row]:
     """The preset best, on a frame with its views and after a minute's learning."""
     learner = Learner(LearnerSettings(preset="best"), np.random.default_rng(SEED))
+
+    def seen(image: Grey) -> Features:
+        features = learner.observe(image)
+        assert features is not None, "the preset has no dictionary to learn first"
+        return features
+
     frames = [wall.view() for _ in range(FRAMES)]
-    known = np.stack([learner.observe(image) for image, _ in frames])
+    known = np.stack([seen(image) for image, _ in frames])
     zooms = np.array([zoom for _, zoom in frames])
 
     def learn() -> None:
         image, zoom = next(turn)
-        learner.learn(learner.observe(image), zoom, lambda: np.full(image.shape, zoom, np.float32))
+        learner.learn(seen(image), zoom, lambda: np.full(image.shape, zoom, np.float32))
 
     turn = cycle(frames)
     for _ in frames:
@@ -160,7 +165,7 @@ def _best_rows(wall: Wall) -> Iterator[Row]:
     theirs = MLPRegressor(hidden_layer_sizes=(64, 32), random_state=SEED).partial_fit(known, zooms)
     yield race_row(
         "best: image to features and estimate",
-        lambda: learner.predict(learner.observe(next(turn)[0])),
+        lambda: learner.predict(seen(next(turn)[0])),
         ("sklearn MLPRegressor, features given", lambda: theirs.predict(known[:1])),
         goal=2.0,
     )
@@ -197,13 +202,14 @@ def _parallax_row(wall: Wall) -> Row:
 
 
 def _dense_flow(before: Grey, after: Grey) -> object:
-    return cv2.calcOpticalFlowFarneback(before, after, None, 0.5, 3, 15, 3, 5, 1.2, 0)
+    flow = np.zeros((*before.shape, 2), np.float32)
+    return cv2.calcOpticalFlowFarneback(before, after, flow, 0.5, 3, 15, 3, 5, 1.2, 0)
 
 
 class Turns:
     """Predicts for one query after the other."""
 
-    def __init__(self, model: object, queries: NDArray[np.float32]) -> None:
+    def __init__(self, model: Predictor, queries: NDArray[np.float32]) -> None:
         self._predict = model.predict
         self._queries = queries
         self._place = 0

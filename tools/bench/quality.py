@@ -179,8 +179,9 @@ def _wind() -> Iterator[Row]:
     """Begins at once, as when a door opens; the second half is taken as settled."""
     wind_ned_m_s = (0.0, WIND_M_S, 0.0)
     ours_m, exact_m = (Trial(estimator, wind_ned_m_s).hover() for estimator in (None, EXACT))
-    for what, figure in (
-        (f"{WIND_M_S:g} m/s wind begins: carried off, at most", lambda m: float(m.max())),
-        (f"{WIND_M_S:g} m/s wind: error after 30 s, RMS", lambda m: _rms(m[len(m) // 2 :])),
-    ):
+    figures: dict[str, Callable[[Series], float]] = {
+        f"{WIND_M_S:g} m/s wind begins: carried off, at most": lambda m: float(m.max()),
+        f"{WIND_M_S:g} m/s wind: error after 30 s, RMS": lambda m: _rms(m[len(m) // 2 :]),
+    }
+    for what, figure in figures.items():
         yield Row.of(what, figure(ours_m), "m", (BESIDE, figure(exact_m)))

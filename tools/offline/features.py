@@ -30,7 +30,7 @@ class KeptFeatures:
                 self._rows = np.full((self._n_frames, len(features)), np.nan, dtype=np.float32)
             self._rows[row] = features
             self._grew = True
-        return self._rows[row]
+        return np.asarray(self._rows[row])
 
     def save(self) -> None:
         """With what others have kept meanwhile; what two save at once is worked out again."""

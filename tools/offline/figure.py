@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from itertools import cycle
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -15,7 +15,8 @@ from tools.offline.table import Point, Report, Side, Spread
 
 PALETTE = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"
 """Wong's: told apart by colour-blind readers too."""
-FIT, UNSEEN = "--", "-"
+FIT: Final = "--"
+UNSEEN: Final = "-"
 """Training and test set, as in the paper."""
 
 
@@ -25,7 +26,8 @@ class Metric(NamedTuple):
     limits: tuple[float, float]
 
     def of(self, side: Side) -> Spread:
-        return getattr(side, self.name)
+        spread: Spread = getattr(side, self.name)
+        return spread
 
 
 MSE = Metric("mse_over_variance", "MSE / variance", (0.0, 1.6))
@@ -182,7 +184,8 @@ def _sides(points: Sequence[Point]) -> tuple[list[Side], list[Side]]:
 def _finish(axes: Axes, metric: Metric) -> None:
     axes.set_ylim(metric.limits)
     axes.grid(linewidth=0.4)
-    if axes.get_subplotspec().is_first_col():
+    place = axes.get_subplotspec()
+    if place is None or place.is_first_col():
         axes.set_ylabel(metric.title)
 
 

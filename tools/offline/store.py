@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.camera.recording import CALIBRATION_WORD, VIDEO_SUFFIXES, open_recording
-from companion.flight import LOG_NAME
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.errors import PlanError, RecordingError
+from companion.logfolder import LOG_NAME
 from companion.stereo import StereoMatcher, StereoSettings
 
 IMAGES, CALIBRATION = "images.npy", "calibration.json"
@@ -89,7 +89,8 @@ class Stored:
     @property
     def images(self) -> NDArray[np.uint8]:
         """(n, 2, height, width), left eye first; read from the disk as it is looked at."""
-        return np.load(self.folder / IMAGES, mmap_mode="r")
+        images: NDArray[np.uint8] = np.load(self.folder / IMAGES, mmap_mode="r")
+        return images
 
     def __len__(self) -> int:
         return len(self.images)

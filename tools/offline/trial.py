@@ -141,7 +141,7 @@ class Student:
     def known(self, frames: Frames) -> Frames:
         """The frames whose λ stereo knew."""
         known = [not math.isnan(self._labels_px[recording][row]) for recording, row in frames]
-        return frames[np.array(known, dtype=bool)]
+        return np.asarray(frames[np.array(known, dtype=bool)])
 
     def make_dictionary(self, flown: Frames) -> None:
         """Learns textons, where the features need any."""

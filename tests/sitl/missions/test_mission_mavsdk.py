@@ -21,7 +21,7 @@ from companion.camera.remote import RemoteCamera
 from companion.kernel.messages import SimulationRequest
 from sitl.process import launch
 
-PLANS = Path(__file__).parents[2] / "flightplans"
+PLANS = Path(__file__).parents[3] / "flightplans"
 SPEED = 10.0
 LIMIT_S = 60.0
 """Wall time, for a whole flight."""

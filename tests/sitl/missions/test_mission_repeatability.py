@@ -11,7 +11,7 @@ from companion.kernel.messages import FlightMode
 from sitl.autopilot.interface import Ack
 from sitl.mavlink.tlog import TelemetryLog
 
-PLANS = sorted((Path(__file__).parents[2] / "flightplans").glob("*.plan"))
+PLANS = sorted((Path(__file__).parents[3] / "flightplans").glob("*.plan"))
 LONGEST_S = 120.0
 
 

@@ -1,6 +1,6 @@
 """PX4 v1.17's rates and answers as a table: what was measured there, and what this vehicle does.
 
-``python -m pytest tests/sitl --px4-table FILE`` writes what was measured, here and elsewhere.
+``python -m pytest tests/sitl/px4 --px4-table FILE`` writes what was measured, here and elsewhere.
 """
 
 import math
