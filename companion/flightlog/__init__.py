@@ -6,6 +6,7 @@ Messages are JSON with a JSON schema each, so Foxglove and PlotJuggler open a lo
 
 from companion.flightlog.reader import FlightLog
 from companion.flightlog.records import FlightMetadata, Topic
+from companion.flightlog.schema import Columns
 from companion.flightlog.writer import FlightLogWriter
 
-__all__ = ["FlightLog", "FlightLogWriter", "FlightMetadata", "Topic"]
+__all__ = ["Columns", "FlightLog", "FlightLogWriter", "FlightMetadata", "Topic"]

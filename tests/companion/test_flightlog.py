@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType, Writer
 
 from companion.flightlog import FlightLog, FlightLogWriter, FlightMetadata, Topic
 from companion.flightlog.records import pose_view
@@ -166,6 +167,40 @@ def test_columns_have_the_types_of_their_fields(tmp_path):
     assert percept["stereo_px"].dtype == np.float64
     assert np.isnan(percept["mono_px"]).all()
     assert set(log.columns(Topic.DECISION)["cue"]) == {"mono"}
+
+
+class Step(msgspec.Struct):
+    stamp_ns: int
+    goal: Setpoint | None = None
+
+
+def test_a_part_that_was_not_there_at_first_is_a_column_of_nothing(tmp_path):
+    """The first record says which columns there are."""
+    path = tmp_path / "flight.mcap"
+    with FlightLogWriter(path, META) as log:
+        log.write("/own", Step(1))
+        log.write("/own", Step(2, Setpoint(stamp_ns=2)))
+    columns = FlightLog(path).columns("/own")
+    assert columns["stamp_ns"].tolist() == [1, 2]
+    assert set(columns) == {"stamp_ns", "goal"}
+    assert np.isnan(columns["goal"]).all()
+
+
+def test_several_topics_are_read_as_each_alone(whole_log):
+    log = FlightLog(whole_log)
+    topics = (Topic.DECISION, Topic.EVENT, Topic.MOCAP)
+    for topic, columns in zip(topics, log.tables(*topics), strict=True):
+        np.testing.assert_equal(columns, log.columns(topic))
+
+
+@given(stamps_ns=st.lists(st.integers(-STEP_NS, 62 * STEP_NS), min_size=1))
+def test_the_nearest_record_has_the_nearest_stamp(whole_log, stamps_ns):
+    log = FlightLog(whole_log)
+    every_ns = log.columns(Topic.MOCAP)["stamp_ns"]
+    nearest = log.nearest(Topic.MOCAP, np.array(stamps_ns))
+    assert nearest["truth_position_ned_m"].shape == (len(stamps_ns), 3)
+    for stamp_ns, found_ns in zip(stamps_ns, nearest["stamp_ns"], strict=True):
+        assert abs(stamp_ns - found_ns) == abs(stamp_ns - every_ns).min()
 
 
 def test_a_record_of_another_clock_keeps_both_stamps(tmp_path):
@@ -376,9 +411,61 @@ def test_the_folder_must_exist(tmp_path):
         FlightLogWriter(tmp_path / "none" / "flight.mcap", META)
 
 
-def foreign_mcap(path):
-    from mcap.writer import Writer
+HEADER = {
+    name: msgspec.json.encode(getattr(META, name)).decode() for name in META.__struct_fields__
+}
+WRITERS = {
+    "zstd": {"compression": CompressionType.ZSTD},
+    "lz4": {"compression": CompressionType.LZ4},
+    "none": {"compression": CompressionType.NONE},
+    "without chunks": {"use_chunking": False},
+    "without an index": {"index_types": IndexType.NONE},
+    "without an index of messages": {"index_types": IndexType.CHUNK},
+}
 
+
+def write_as_others_do(path, **options):
+    """Two topics, a chunk every few records."""
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=500, **options)
+        writer.start()
+        writer.add_metadata("flight", HEADER)
+        channels = [writer.register_channel(topic, "json", 0) for topic in ("/a", "/b")]
+        for number in range(50):
+            record = msgspec.json.encode({"stamp_ns": number, "text": "some words " * 3})
+            writer.add_message(channels[number % 2], number + 1000, record, number)
+        writer.finish()
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize("share", [1.0, 0.6])
+def test_other_writers_files_are_read_alike(tmp_path, kind, share):
+    path = tmp_path / "flight.mcap"
+    write_as_others_do(path, **WRITERS[kind])
+    data = path.read_bytes()
+    path.write_bytes(data[: round(share * len(data))])
+    log = FlightLog(path)
+    stamps_ns = log.columns("/b")["stamp_ns"].tolist()
+    assert stamps_ns == list(range(1, 50, 2))[: len(stamps_ns)]
+    assert len(stamps_ns) == log.topics()["/b"]
+    assert (log.log_times_ns("/b") - stamps_ns == 1000).all()
+    assert (len(stamps_ns) == 25) == (share == 1.0)
+    assert len(stamps_ns) > 5
+
+
+def test_a_record_that_reaches_beyond_its_chunk_is_damage(tmp_path):
+    path = tmp_path / "flight.mcap"
+    write_as_others_do(path, compression=CompressionType.NONE, enable_crcs=False)
+    data = bytearray(path.read_bytes())
+    length_at = data.index(b'{"stamp_ns":20,') - 22 - 8
+    assert data[length_at - 1] == 0x05  # a message
+    data[length_at : length_at + 8] = (1 << 40).to_bytes(8, "little")
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match="damaged: a record reaches beyond its chunk"):
+        FlightLog(path).columns("/a")
+
+
+def foreign_mcap(path):
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()

@@ -1,5 +1,6 @@
 """A flight as its report tells it: log, summary, room, and the logs that lie beside."""
 
+from bisect import bisect_right
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -66,11 +67,10 @@ class ReportedFlight(FlownFlight):
         counter = TruthCounter()
         if not self.has_truth:
             return counter
-        stamps_ns = self.log.columns(Topic.MOCAP)["stamp_ns"]
+        frames_ns = self.decision["stamp_ns"].tolist()
         phases = [Phase(phase) for phase in self.decision["phase"].tolist()] + [Phase.DONE]
-        next_frame = np.searchsorted(self.decision["stamp_ns"], stamps_ns, "right")
-        for pose, frame in zip(self.log.read(Topic.MOCAP, MocapPose), next_frame, strict=True):
-            phase = phases[frame]
+        for pose in self.log.read(Topic.MOCAP, MocapPose):
+            phase = phases[bisect_right(frames_ns, pose.stamp_ns)]
             if phase is Phase.DONE:
                 counter.begin_landing()
             counter.count(pose, phase)
