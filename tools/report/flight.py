@@ -49,6 +49,12 @@ class ReportedFlight(FlownFlight):
         left = read_summary(path) if self.path.name == LOG_NAME and path.is_file() else None
         return left if left is not None and left.frames else self._recounted(left)
 
+    def read_through(self) -> None:
+        """All that a page of many flights wants, so that damage shows here."""
+        _ = self.summary, self.scorecard
+        if self.has_truth:
+            _ = self.truth
+
     @property
     def logs_beside(self) -> list[Path]:
         """The vehicle's own logs of the same flight."""
