@@ -7,6 +7,7 @@ roc.png, roc.svg, roc.csv (every corner of every curve) and roc.json (operating 
 """
 
 import argparse
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -22,6 +23,7 @@ from companion.kernel.messages import Phase
 from companion.performance import RocCurve, roc_curve
 from tools.drawing import run, save_figure, save_table
 from tools.flown import FlownFlight, find_logs
+from tools.progress import watched
 
 LINE_STYLES = ("--", "-", ":", "-.")
 LEGEND_LIMIT = 24
@@ -81,6 +83,15 @@ def draw_curve(
     axes.plot(roc.fpr, roc.tpr, "o", color=colour, markersize=6)
 
 
+def draw_crowd(axes: Axes, rocs: Sequence[FlightRoc], colour: str) -> None:
+    """Curves that show where many are, with the points that were flown at."""
+    alpha = max(0.15, 1.0 / math.sqrt(len(rocs)))
+    for roc in rocs:
+        axes.plot(roc.curve.fpr, roc.curve.tpr, color=colour, linewidth=1.0, alpha=alpha)
+    flown_at = [(roc.fpr, roc.tpr) for roc in rocs]
+    axes.plot(*zip(*flown_at, strict=True), ".", color="0.1", markersize=5)
+
+
 def finish(axes: Axes, legend: bool = True) -> None:
     """What surrounds the curves."""
     axes.plot([0, 1], [0, 1], color="0.8", linewidth=1, zorder=0)
@@ -118,9 +129,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("logs", type=Path, nargs="+", help="flights, or folders that hold them")
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     args = parser.parse_args(argv)
-    return run(
-        "roc", lambda: write([roc_of(FlownFlight(p)) for p in find_logs(args.logs)], args.out)
-    )
+
+    def work() -> Iterator[Path]:
+        logs = watched(find_logs(args.logs), "flights")
+        yield from write([roc_of(FlownFlight(path)) for path in logs], args.out)
+
+    return run("roc", work)
 
 
 if __name__ == "__main__":
