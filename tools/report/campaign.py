@@ -29,7 +29,6 @@ MEASURES: dict[str, Callable[[Summary], float]] = {
 }
 """Of the test phase; collisions of the whole flight, NaN without truth."""
 NOTE = "Mean ± standard deviation of the test phase; collisions are those of the whole flight."
-PANELS_ABREAST = 4
 
 Flights = Sequence[ReportedFlight]
 
@@ -133,20 +132,7 @@ def roc_curves(flights: Flights) -> Figure:
     known = {name: of_group for name, of_group in known.items() if of_group}
     if not known:
         raise RecordingError(NO_CURVE)
-    colours = colours_of(groups)
-    columns, rows = min(len(known), PANELS_ABREAST), math.ceil(len(known) / PANELS_ABREAST)
-    side_in = 6.0 if columns == 1 else 12.5 / columns
-    figure = Figure(figsize=(columns * side_in, rows * (side_in + 1.0)), layout="constrained")
-    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for axes, (name, of_group) in zip(panels, known.items(), strict=False):
-        roc.draw_crowd(axes, of_group, colours[name])
-        roc.finish(axes, legend=False)
-        axes.label_outer()
-        mean_auc = np.mean([curve.auc for curve in of_group])
-        axes.set_title(f"{name}\n{len(of_group)} flights, AUC {mean_auc:.2f}", fontsize=10)
-    for axes in panels[len(known) :]:
-        axes.set_axis_off()
-    return figure
+    return roc.draw_groups(known, colours_of(groups))
 
 
 def heat_maps(flights: Flights) -> list[CampaignFigure]:
