@@ -3,6 +3,7 @@
 import csv
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,11 @@ COLOURS = {"stereo": "#0072b2", "mono": "#009e73", "override": "#d55e00"}
 PALETTE = ("#0072b2", "#009e73", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9")
 """The same, for what has no colour of its own."""
 PHASES = ("initial", "learning", "test")
+
+
+def colours_of(names: Iterable[str]) -> dict[str, str]:
+    """From the palette, which begins anew after its last."""
+    return dict(zip(names, cycle(PALETTE), strict=False))
 
 
 def draw_room(axes: Axes, room: Room) -> None:

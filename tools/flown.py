@@ -3,12 +3,13 @@
 from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.flightlog import FlightLog, Topic
+from companion.flightlog import Columns, FlightLog, Topic
 from companion.kernel.errors import PlanError, RecordingError
 from companion.kernel.messages import Decision, Percept, Phase
 from companion.kernel.settings import convert_settings
@@ -19,9 +20,9 @@ from companion.switch import Choice, caution_px
 from sitl.arena.room import Room, load_room
 from tools.logs.recover import RECOVERED_SUFFIX
 
-ROOMS = Path(__file__).parents[1] / "flightplans" / "rooms"
+T = TypeVar("T")
 
-Columns = dict[str, NDArray[Any]]
+ROOMS = Path(__file__).parents[1] / "flightplans" / "rooms"
 
 
 class FlownFlight:
@@ -32,8 +33,7 @@ class FlownFlight:
         self.log = FlightLog(path)
         if not {Topic.DECISION, Topic.PERCEPT} <= set(self.log.topics()):
             raise RecordingError(f"{path}: nothing was flown")
-        columns = (self.log.columns(topic) for topic in (Topic.DECISION, Topic.PERCEPT))
-        self.decision, self.percept = _together(*columns)
+        self.decision, self.percept = _together(*self.log.tables(Topic.DECISION, Topic.PERCEPT))
 
     @property
     def name(self) -> str:
@@ -57,17 +57,14 @@ class FlownFlight:
 
     @property
     def has_truth(self) -> bool:
-        return Topic.MOCAP in self.log.topics()
+        return bool(self.log.topics().get(Topic.MOCAP))
 
     @cached_property
     def truth(self) -> Columns:
         """The motion capture's record nearest to each frame. Raises RecordingError without any."""
         if not self.has_truth:
             raise RecordingError(f"{self.path}: no truth: nothing on {Topic.MOCAP}")
-        mocap = self.log.columns(Topic.MOCAP)
-        between_ns = (mocap["stamp_ns"][1:] + mocap["stamp_ns"][:-1]) // 2
-        nearest = np.searchsorted(between_ns, self.decision["stamp_ns"])
-        return {name: column[nearest] for name, column in mocap.items()}
+        return self.log.nearest(Topic.MOCAP, self.decision["stamp_ns"])
 
     @cached_property
     def places_m(self) -> NDArray[np.float64]:
@@ -105,16 +102,20 @@ class FlownFlight:
         card = Scorecard(self.plan.behaviour.turn_threshold_px)
         thresholds_px = {phase: self.mono_threshold_px(phase) for phase in Phase}
         caution_std = self.plan.learner.caution_std
-        records = zip(
-            self.log.read(Topic.PERCEPT, Percept),
-            self.log.read(Topic.DECISION, Decision),
-            strict=False,  # a log that was cut off may miss the last of one topic
-        )
-        for percept, d in records:
+        percepts = self._records(self.percept, Percept)
+        for percept, d in zip(percepts, self._records(self.decision, Decision), strict=True):
             choice = Choice(d.cue, d.override, d.disparity_px, d.threshold_px, None)
             added_px = caution_px(percept, caution_std)
             card.record(percept, d.phase, choice, d.state, thresholds_px[d.phase], added_px)
         return card
+
+    def _records(self, columns: Columns, kind: type[T]) -> list[T]:
+        """The rows of a table as what they were. Raises RecordingError."""
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+        try:
+            return [msgspec.convert(dict(zip(columns, row, strict=True)), kind) for row in rows]
+        except msgspec.ValidationError as error:
+            raise RecordingError(f"{self.path}: not a {kind.__name__}: {error}") from error
 
     def load_room(self, path: Path | None = None) -> Room:
         """The room in ``path``, or the shipped one that the plan names. Raises PlanError."""

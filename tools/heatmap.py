@@ -2,26 +2,31 @@
 
 python -m tools.heatmap LOGS ... --out DIR [--phase all|initial|learning|test] [--cell-m 0.25]
 
-One figure per room: turns above, approaches below; a column per scheme and cue that flew, as in the
+One figure per room: turns above, approaches below, for each scheme and cue that flew, as in the
 paper's heat maps. Writes heatmap-ROOM.png, .svg and .csv (seconds per cell).
 """
 
 import argparse
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from sitl.arena.room import Room
 from tools.drawing import PHASES, draw_room, label_plan, run, save_figure, save_table
 from tools.flown import FlownFlight, find_logs
+from tools.progress import watched
 
 MANOEUVRES = ("turn", "approach")
 CELL_M = 0.25
+PAIRS_ABREAST = 4
+"""Of scheme and cue; more would be too small on a page."""
 
 
 class Grid(NamedTuple):
@@ -74,21 +79,36 @@ def _heat(flights: Sequence[FlownFlight], grid: Grid, phase: str, cue: str, mano
 
 def draw(heats: Sequence[Heat], grid: Grid, room: Room) -> Figure:
     """Each panel on its own scale: shapes are compared, not times."""
-    columns = list(dict.fromkeys((heat.scheme, heat.cue) for heat in heats))
-    size = (1.0 + 3.0 * len(columns), 6.5)
-    figure = Figure(figsize=size, layout="constrained")
-    panels = figure.subplots(2, len(columns), sharex=True, sharey=True, squeeze=False)
+    pairs = list(dict.fromkeys((heat.scheme, heat.cue) for heat in heats))
+    columns, bands = min(len(pairs), PAIRS_ABREAST), math.ceil(len(pairs) / PAIRS_ABREAST)
+    figure = Figure(figsize=(1.0 + 3.0 * columns, 0.5 + 3.2 * 2 * bands), layout="constrained")
+    panels = figure.subplots(2 * bands, columns, sharex=True, sharey=True, squeeze=False)
     extent = (grid.east_m[0], grid.east_m[-1], grid.north_m[0], grid.north_m[-1])
+    for axes in panels.flat:
+        axes.set_axis_off()
     for heat in heats:
-        axes = panels[MANOEUVRES.index(heat.manoeuvre), columns.index((heat.scheme, heat.cue))]
-        axes.imshow(heat.duration_s, origin="lower", extent=extent, cmap="inferno", vmin=0)
+        band, column = divmod(pairs.index((heat.scheme, heat.cue)), PAIRS_ABREAST)
+        axes = panels[2 * band + MANOEUVRES.index(heat.manoeuvre), column]
+        axes.set_axis_on()
+        _draw_panel(axes, heat, extent)
         draw_room(axes, room)
-        name = heat.scheme.replace("_", " ")
-        axes.set_title(
-            f"{name}, {heat.cue}\n{heat.manoeuvre}: {heat.duration_s.sum():.0f} s", fontsize=9
-        )
         label_plan(axes)
     return figure
+
+
+def _draw_panel(axes: Axes, heat: Heat, extent: tuple[float, float, float, float]) -> None:
+    """The brightest are the hundredth of the cells where most time was spent: all flights begin
+    alike, and the few cells of that beginning would outshine all others."""
+    visited_s = heat.duration_s[heat.duration_s > 0]
+    brightest_s = float(np.percentile(visited_s, 99)) if len(visited_s) else 1.0
+    axes.imshow(
+        heat.duration_s, origin="lower", extent=extent, cmap="inferno", vmin=0, vmax=brightest_s
+    )
+    name = heat.scheme.replace("_", " ")
+    told = (
+        f"{heat.manoeuvre}: {heat.duration_s.sum():.0f} s, brightest ≥ {brightest_s:.1f} s a cell"
+    )
+    axes.set_title(f"{name}, {heat.cue}\n{told}", fontsize=9)
 
 
 def write(
@@ -121,6 +141,12 @@ def _rows(heats: Sequence[Heat], grid: Grid) -> Iterator[tuple[object, ...]]:
             yield *heat[:4], *place, float(heat.duration_s[row, column])
 
 
+def _read(path: Path) -> FlownFlight:
+    flight = FlownFlight(path)
+    _ = flight.places_m  # here, where it is seen how far reading has come
+    return flight
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m tools.heatmap",
@@ -137,7 +163,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("--cell-m must be above 0")
 
     def work() -> Iterator[Path]:
-        flights = [FlownFlight(path) for path in find_logs(args.logs)]
+        flights = [_read(path) for path in watched(find_logs(args.logs), "flights")]
         yield from write(flights, args.out, args.phase, args.cell_m, args.room)
 
     return run("heatmap", work)

@@ -22,6 +22,7 @@ from tools.agreement import agreement, expectation
 from tools.assessment import Figure, Report, assess
 from tools.drawing import run
 from tools.flown import FlownFlight, find_logs
+from tools.progress import watched
 
 ROWS = {
     "true positive rate": "tpr",
@@ -109,7 +110,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
 
     def work() -> Iterator[str]:
-        reports = [assess(FlownFlight(path), args.seed) for path in find_logs(args.logs)]
+        logs = watched(find_logs(args.logs), "flights")
+        reports = [assess(FlownFlight(path), args.seed) for path in logs]
         alone = len(reports) == 1
         if args.json:
             text = msgspec.json.encode(reports[0] if alone else reports)

@@ -7,8 +7,10 @@ roc.png, roc.svg, roc.csv (every corner of every curve) and roc.json (operating 
 """
 
 import argparse
+import math
+import statistics
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -20,12 +22,15 @@ from matplotlib.figure import Figure
 
 from companion.kernel.messages import Phase
 from companion.performance import RocCurve, roc_curve
-from tools.drawing import run, save_figure, save_table
+from companion.summary import format_figure
+from tools.drawing import colours_of, run, save_figure, save_table
 from tools.flown import FlownFlight, find_logs
+from tools.progress import watched
 
 LINE_STYLES = ("--", "-", ":", "-.")
 LEGEND_LIMIT = 24
-"""More flights than that speak as a crowd; roc.json names them."""
+"""More flights than that are a crowd, a panel for each room and scheme; roc.json names them."""
+PANELS_ABREAST = 4
 
 
 class FlightRoc(msgspec.Struct, frozen=True):
@@ -60,7 +65,16 @@ def roc_of(flight: FlownFlight, phase: Phase = Phase.TEST) -> FlightRoc:
 
 
 def draw(rocs: Sequence[FlightRoc]) -> Figure:
-    """One curve a flight, dot at the chosen threshold."""
+    """One curve a flight, dot at the chosen threshold; many are drawn by room and scheme."""
+    if len(rocs) > LEGEND_LIMIT:
+        groups: dict[str, list[FlightRoc]] = {}
+        for roc in rocs:
+            groups.setdefault(f"{roc.room}, {roc.scheme.replace('_', ' ')}", []).append(roc)
+        return draw_groups(groups, colours_of(groups))
+    return _draw_each(rocs)
+
+
+def _draw_each(rocs: Sequence[FlightRoc]) -> Figure:
     figure = Figure(figsize=(7, 7), layout="constrained")
     axes = figure.subplots()
     colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(rocs)))
@@ -69,7 +83,7 @@ def draw(rocs: Sequence[FlightRoc]) -> Figure:
         style = LINE_STYLES[rooms.index(roc.room) % len(LINE_STYLES)]
         label = f"#{number} {roc.room}, {roc.scheme.replace('_', ' ')}: AUC {roc.auc:.2f}"
         draw_curve(axes, roc, to_hex(colour), label, style)
-    finish(axes, legend=len(rocs) <= LEGEND_LIMIT)
+    finish(axes)
     return figure
 
 
@@ -79,6 +93,33 @@ def draw_curve(
     """A curve and the point that was flown at."""
     axes.plot(roc.curve.fpr, roc.curve.tpr, style, color=colour, linewidth=1.2, label=label)
     axes.plot(roc.fpr, roc.tpr, "o", color=colour, markersize=6)
+
+
+def draw_groups(groups: Mapping[str, Sequence[FlightRoc]], colours: Mapping[str, str]) -> Figure:
+    """A panel a group, none of which is empty: so many curves would hide each other in one."""
+    columns, rows = min(len(groups), PANELS_ABREAST), math.ceil(len(groups) / PANELS_ABREAST)
+    side_in = 6.0 if columns == 1 else 12.5 / columns
+    figure = Figure(figsize=(columns * side_in, rows * (side_in + 1.0)), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for axes in panels[len(groups) :]:
+        axes.set_axis_off()
+    for axes, (name, rocs) in zip(panels, groups.items(), strict=False):
+        _draw_crowd(axes, rocs, colours[name])
+        finish(axes, legend=False)
+        axes.label_outer()
+        known = [roc.auc for roc in rocs if not math.isnan(roc.auc)]
+        auc = format_figure(statistics.fmean(known) if known else math.nan)
+        flights = "1 flight" if len(rocs) == 1 else f"{len(rocs)} flights"
+        axes.set_title(f"{name}\n{flights}, AUC {auc}", fontsize=10)
+    return figure
+
+
+def _draw_crowd(axes: Axes, rocs: Sequence[FlightRoc], colour: str) -> None:
+    """Darker where more curves are; dots at the chosen thresholds."""
+    alpha = max(0.15, 1.0 / math.sqrt(len(rocs)))
+    for roc in rocs:
+        axes.plot(roc.curve.fpr, roc.curve.tpr, color=colour, linewidth=1.0, alpha=alpha)
+    axes.plot([roc.fpr for roc in rocs], [roc.tpr for roc in rocs], ".", color="0.1", markersize=5)
 
 
 def finish(axes: Axes, legend: bool = True) -> None:
@@ -118,9 +159,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("logs", type=Path, nargs="+", help="flights, or folders that hold them")
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     args = parser.parse_args(argv)
-    return run(
-        "roc", lambda: write([roc_of(FlownFlight(p)) for p in find_logs(args.logs)], args.out)
-    )
+
+    def work() -> Iterator[Path]:
+        logs = watched(find_logs(args.logs), "flights")
+        yield from write([roc_of(FlownFlight(path)) for path in logs], args.out)
+
+    return run("roc", work)
 
 
 if __name__ == "__main__":

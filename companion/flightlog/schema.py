@@ -1,6 +1,7 @@
 """Between record types and JSON: schemas for viewers, NaN through null, tables of columns."""
 
 from collections.abc import Callable, Sequence
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from companion.kernel.messages import NAN
 
 Restorer = Callable[[Any], Any]
+Columns = dict[str, NDArray[Any]]
 
 
 def json_schema(kind: type) -> dict[str, Any]:
@@ -32,13 +34,17 @@ def nan_restorer(kind: type) -> Restorer:
     return _restorer(inspect.type_info(kind)) or (lambda value: value)
 
 
-def table(rows: Sequence[dict[str, Any]]) -> dict[str, NDArray[Any]]:
+def table(rows: Sequence[dict[str, Any]]) -> Columns:
     """Decoded records as columns of shape (n_rows,) or (n_rows, n) for vectors.
 
     Fields of nested records get dotted names; null becomes NaN.
     """
-    flat = [_flatten(row) for row in rows]
-    return {name: _column([row.get(name) for row in flat]) for name in flat[0]} if flat else {}
+    if not rows:
+        return {}
+    fields = {name: [row.get(name) for row in rows] for name in rows[0]}
+    if any(dict in map(type, values) for values in fields.values()):
+        return table([_flatten(row) for row in rows])
+    return {name: _column(values) for name, values in fields.items()}
 
 
 def _describe(info: inspect.Type) -> dict[str, Any]:
@@ -115,9 +121,9 @@ def _flatten(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _column(values: list[Any]) -> NDArray[Any]:
-    known = [value for value in values if value is not None]
-    if any(isinstance(value, str) for value in known):
+    kinds = set(map(type, values))
+    if str in kinds:
         return np.array(["" if value is None else value for value in values])
-    if len(known) == len(values) and not any(isinstance(value, list) for value in known):
+    if kinds.isdisjoint((NoneType, list)):
         return np.array(values)
     return np.array(values, dtype=np.float64)

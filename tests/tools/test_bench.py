@@ -12,6 +12,7 @@ from tools.bench.__main__ import main
 from tools.bench.harness import Row, race_row, race_s
 from tools.bench.latency import latencies_s, velocity_key
 from tools.bench.process import watch
+from tools.bench.reading import read, read_plainly, write_flight
 
 
 def spin(duration_s):
@@ -56,6 +57,14 @@ def test_one_subject_as_table_and_json(tmp_path, capsys):
         assert row["value"] > 0.0
         assert row["baseline_value"] > 0.0
     assert code == (1 if any(row["met"] is False for row in rows) else 0)
+
+
+def test_both_readers_of_a_log_read_the_same(tmp_path):
+    path = tmp_path / "flight.mcap"
+    write_flight(path, 3_000_000_000)
+    for ours, plain in zip(read(path), read_plainly(path), strict=True):
+        assert len(ours["stamp_ns"]) == 30
+        np.testing.assert_equal(ours, plain)
 
 
 def test_an_unknown_subject_is_a_usage_error(capsys):

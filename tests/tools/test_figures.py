@@ -80,6 +80,18 @@ def test_the_operating_point_is_that_of_the_flight(invent, story, tmp_path):
     assert float(reached[-1]["tpr"]) == point["tpr"]
 
 
+def test_many_flights_are_drawn_by_scheme(invent, story, moment):
+    """Also a scheme whose flights have no curve."""
+    rocs = [roc.roc_of(FlownFlight(invent(story, scheme="dagger")))] * roc.LEGEND_LIMIT
+    silent = roc.roc_of(FlownFlight(invent([moment()] * 5, name="none", scheme="cold_turkey")))
+    panels = roc.draw([*rocs, silent]).axes
+    assert [axes.get_title().splitlines() for axes in panels] == [
+        ["room1, dagger", f"{roc.LEGEND_LIMIT} flights, AUC {rocs[0].auc:.2f}"],
+        ["room1, cold turkey", "1 flight, AUC –"],
+    ]
+    assert len(roc.draw(rocs).axes) == 1
+
+
 def test_a_flight_without_positives_still_has_a_picture(invent, moment, tmp_path):
     assert roc.main([str(invent([moment()] * 5)), "--out", str(tmp_path)]) == 0
     assert json.loads((tmp_path / "roc.json").read_text())[0]["auc"] is None

@@ -188,9 +188,10 @@ def _parallax_row(wall: Wall) -> Row:
     from_afar = wall.view()[0]
     centre = (WIDTH_PX / 2, HEIGHT_PX / 2)
     zooms = 3.0 / (3.0 - 0.05 * np.arange(20))
-    images = [
-        cv2.warpAffine(from_afar, cv2.getRotationMatrix2D(centre, 0.0, zoom), (WIDTH_PX, HEIGHT_PX))
-        for zoom in zooms
+    views = [cv2.getRotationMatrix2D(centre, 0.0, zoom) for zoom in zooms]
+    images: list[Grey] = [
+        np.asarray(cv2.warpAffine(from_afar, view, (WIDTH_PX, HEIGHT_PX)), dtype=np.uint8)
+        for view in views
     ]
     turn, numbers, pairs = cycle(images), count(), cycle(zip(images, images[6:], strict=False))
     return race_row(

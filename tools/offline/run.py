@@ -15,7 +15,7 @@ from pathlib import Path
 import cv2
 import msgspec
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import Progress
 from threadpoolctl import threadpool_limits
 
 from companion.kernel.errors import CompanionError
@@ -24,6 +24,7 @@ from tools.offline.splits import Fold, folds_of
 from tools.offline.store import Stored, code_key, write_whole
 from tools.offline.study import Study
 from tools.offline.trial import Row, Trial, run_trial, trials_of
+from tools.progress import progress_bar
 
 Rows = msgspec.json.Decoder(list[Row])
 
@@ -42,7 +43,7 @@ def run_study(
     recordings = [Stored(path, cache) for path in paths]
     sources = {variant.lab.dictionary for variant in study.variants} - {"flight", "pooled"}
     dictionaries = {source: Stored(study.path.parent / source, cache) for source in sources}
-    with _pool(workers) as pool, _bar(console) as bar:
+    with _pool(workers) as pool, progress_bar(console) as bar:
         stereos = {variant.plan.stereo for variant in study.variants}
         everything = [*recordings, *dictionaries.values()]
         _prepare(pool, everything, stereos, bar)
@@ -125,13 +126,3 @@ def _one_thread() -> None:
     """A process per core: threads of the libraries would only wait for each other."""
     cv2.setNumThreads(1)
     threadpool_limits(1)
-
-
-@contextmanager
-def _bar(console: Console) -> Iterator[Progress]:
-    """On a terminal; elsewhere nothing."""
-    columns = BarColumn(), TextColumn("{task.completed}/{task.total} {task.description}")
-    with Progress(
-        *columns, TimeElapsedColumn(), console=console, disable=not console.is_terminal
-    ) as bar:
-        yield bar

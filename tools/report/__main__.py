@@ -11,6 +11,7 @@ from pathlib import Path
 from companion.kernel.errors import EXIT_FLOWN, CompanionError, RecordingError
 from companion.logfolder import LOG_NAME
 from tools.flown import find_flights
+from tools.progress import watched
 from tools.report.campaign import campaign_page
 from tools.report.flight import ReportedFlight
 from tools.report.page import Page
@@ -45,10 +46,10 @@ def _flight(path: Path, folder: Path, room: Path | None) -> Page:
 def _campaign(path: Path, folder: Path) -> Page:
     """A log that cannot be read becomes a line on the page; where none can, it is an error."""
     flights, unreadable = [], []
-    for log in find_flights(path):
+    for log in watched(find_flights(path), "flights read"):
         try:
             flight = ReportedFlight(log)
-            _ = flight.summary, flight.scorecard  # reads the log through: damage shows here
+            flight.read_through()
             flights.append(flight)
         except CompanionError as error:
             unreadable.append(str(error))

@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 from companion.kernel.errors import CompanionError, RecordingError
 from companion.summary import Summary, format_figure
 from tools import heatmap, roc
-from tools.drawing import PALETTE
-from tools.report.figures import finish_roc
+from tools.drawing import colours_of
+from tools.report.figures import NO_CURVE
 from tools.report.flight import ReportedFlight
 from tools.report.model import add_model
 from tools.report.page import Page, paragraph, table
+from tools.report.plans import plans_flown
 
 MEASURES: dict[str, Callable[[Summary], float]] = {
     "overrides": lambda summary: summary.overrides,
@@ -27,6 +28,7 @@ MEASURES: dict[str, Callable[[Summary], float]] = {
     "collisions": lambda summary: math.nan if summary.collisions is None else summary.collisions,
 }
 """Of the test phase; collisions of the whole flight, NaN without truth."""
+NOTE = "Mean ± standard deviation of the test phase; collisions are those of the whole flight."
 
 Flights = Sequence[ReportedFlight]
 
@@ -42,7 +44,7 @@ class CampaignFigure(NamedTuple):
 def campaign_page(flights: Flights, unreadable: Sequence[str], page: Page) -> None:
     """``unreadable``: one line for each log that could not be taken in."""
     groups = grouped(flights)
-    page.add("Groups", paragraph("Mean ± standard deviation, test phase."), _groups(groups))
+    page.add("Groups", paragraph(NOTE), _groups(groups))
     for section in (*FIGURES, *heat_maps(flights)):
         try:
             body = page.figure(section.draw(flights), section.name)
@@ -51,6 +53,7 @@ def campaign_page(flights: Flights, unreadable: Sequence[str], page: Page) -> No
         page.add(section.title, body)
     add_model(groups, page)
     page.add("Flights", _rows(flights))
+    page.add("Plans as flown", plans_flown(flights))
     if unreadable:
         page.add("Not shown", *(paragraph(line, "problem") for line in unreadable))
 
@@ -103,31 +106,33 @@ def _cell(value: float) -> str:
 def counts(flights: Flights) -> Figure:
     """Overrides and turns of every flight, by group, with the group's mean."""
     groups = grouped(flights)
+    colours = colours_of(groups)
     figure = Figure(figsize=(12, 1.4 + 0.55 * len(groups)), layout="constrained")
     for axes, name in zip(figure.subplots(1, 2, sharey=True), ("overrides", "turns"), strict=True):
-        for row, members in enumerate(groups.values()):
+        for row, (group, members) in enumerate(groups.items()):
             values = np.array([MEASURES[name](flight.summary) for flight in members])
             shift = np.linspace(-0.18, 0.18, len(values)) if len(values) > 1 else np.zeros(1)
-            axes.plot(values, row + shift, ".", color=PALETTE[row % len(PALETTE)])
+            axes.plot(values, row + shift, ".", color=colours[group])
             axes.plot([values.mean()], [row], "|", color="0.1", markersize=18)
         axes.set(xlabel=f"{name} in the test phase", yticks=range(len(groups)))
         axes.set_yticklabels(list(groups), fontsize=9)
-        axes.set_xlim(left=-0.5)
+        axes.set_xlim(left=-0.5, right=axes.get_xlim()[1] + 0.5)
     axes.invert_yaxis()  # shared: the first group on top in both
     return figure
 
 
 def roc_curves(flights: Flights) -> Figure:
-    """The test phase of every flight, with the points that they flew at."""
-    figure = Figure(figsize=(6.5, 6.0), layout="constrained")
-    axes = figure.subplots()
-    for row, (name, members) in enumerate(grouped(flights).items()):
-        curves = [roc.roc_of(flight) for flight in members]
-        known = [curve for curve in curves if not np.isnan(curve.auc)]
-        for number, curve in enumerate(known):
-            roc.draw_curve(axes, curve, PALETTE[row % len(PALETTE)], None if number else name)
-    finish_roc(axes)
-    return figure
+    """The test phase of every flight, a panel a group, with the points that they flew at.
+
+    Raises RecordingError where no flight has a curve.
+    """
+    groups = grouped(flights)
+    curves = {name: [roc.roc_of(flight) for flight in members] for name, members in groups.items()}
+    known = {name: [curve for curve in c if not np.isnan(curve.auc)] for name, c in curves.items()}
+    known = {name: of_group for name, of_group in known.items() if of_group}
+    if not known:
+        raise RecordingError(NO_CURVE)
+    return roc.draw_groups(known, colours_of(groups))
 
 
 def heat_maps(flights: Flights) -> list[CampaignFigure]:

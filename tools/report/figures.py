@@ -14,6 +14,7 @@ from tools.logs.align import Alignment, align, signals
 from tools.report.flight import ReportedFlight
 
 STRIP_S = 60.0
+NO_CURVE = "stereo never called a frame blocked, or never clear"
 AXIS = {"yaw rate": "yaw rate, rad/s", "height": "down, m"}
 PHASE_COLOURS = {Phase.LEARNING: "0.55", Phase.TEST: COLOURS["mono"]}
 
@@ -56,7 +57,10 @@ def _draw_strip(axes: Axes, flight: ReportedFlight, shown: slice, top_px: float)
 
 
 def roc_curves(flight: ReportedFlight) -> Figure:
-    """Mono against stereo's verdict, by phase, with the point that the flight flew at."""
+    """Mono against stereo's verdict, by phase, with the point that the flight flew at.
+
+    Raises RecordingError without any.
+    """
     figure = Figure(figsize=(5.5, 5.0), layout="constrained")
     axes = figure.subplots()
     for phase, colour in PHASE_COLOURS.items():
@@ -64,15 +68,10 @@ def roc_curves(flight: ReportedFlight) -> Figure:
         if not np.isnan(curve.auc):
             label = f"{phase}, AUC {format_figure(curve.auc)}"
             roc.draw_curve(axes, curve, colour, label)
-    finish_roc(axes)
-    return figure
-
-
-def finish_roc(axes: Axes) -> None:
-    """Raises RecordingError where nothing was drawn."""
     if not axes.lines:
-        raise RecordingError("stereo never called a frame blocked, or never clear")
+        raise RecordingError(NO_CURVE)
     roc.finish(axes)
+    return figure
 
 
 def six_panels(flight: ReportedFlight) -> Figure:

@@ -1,5 +1,6 @@
 """A flight as its report tells it: log, summary, room, and the logs that lie beside."""
 
+from bisect import bisect_right
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,6 +49,12 @@ class ReportedFlight(FlownFlight):
         left = read_summary(path) if self.path.name == LOG_NAME and path.is_file() else None
         return left if left is not None and left.frames else self._recounted(left)
 
+    def read_through(self) -> None:
+        """All that a page of many flights wants, so that damage shows here."""
+        _ = self.summary, self.scorecard
+        if self.has_truth:
+            _ = self.truth
+
     @property
     def logs_beside(self) -> list[Path]:
         """The vehicle's own logs of the same flight."""
@@ -66,11 +73,10 @@ class ReportedFlight(FlownFlight):
         counter = TruthCounter()
         if not self.has_truth:
             return counter
-        stamps_ns = self.log.columns(Topic.MOCAP)["stamp_ns"]
+        frames_ns = self.decision["stamp_ns"].tolist()
         phases = [Phase(phase) for phase in self.decision["phase"].tolist()] + [Phase.DONE]
-        next_frame = np.searchsorted(self.decision["stamp_ns"], stamps_ns, "right")
-        for pose, frame in zip(self.log.read(Topic.MOCAP, MocapPose), next_frame, strict=True):
-            phase = phases[frame]
+        for pose in self.log.read(Topic.MOCAP, MocapPose):
+            phase = phases[bisect_right(frames_ns, pose.stamp_ns)]
             if phase is Phase.DONE:
                 counter.begin_landing()
             counter.count(pose, phase)

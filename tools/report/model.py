@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from tools import assessment
 from tools.agreement import Expectation, agreement, expectation
 from tools.assessment import assess
-from tools.drawing import PALETTE
+from tools.drawing import colours_of
 from tools.report.flight import ReportedFlight
 from tools.report.page import Page, paragraph, table
 
@@ -44,7 +44,7 @@ def add_model(groups: Mapping[str, Sequence[ReportedFlight]], page: Page) -> Non
         )
         for name, total in sums
     ]
-    body = page.figure(expected_and_observed(found), "risk")
+    body = page.figure(expected_and_observed(found, colours_of(groups)), "risk")
     page.add(TITLE, paragraph(NOTE), table(HEADER, rows), body)
 
 
@@ -54,17 +54,21 @@ def _ratio(ratio: assessment.Figure) -> str:
     return f"{ratio.value:.2f} [{ratio.low:.2f}, {ratio.high:.2f}]"
 
 
-def expected_and_observed(found: dict[str, list[Expectation]]) -> Figure:
+def expected_and_observed(
+    found: Mapping[str, Sequence[Expectation]], colours: Mapping[str, str]
+) -> Figure:
     """A dot a flight, its group's mean as a cross; on the line the model is right."""
     figure = Figure(figsize=(6.5, 6.0), layout="constrained")
     axes = figure.subplots()
-    for row, (name, expectations) in enumerate(found.items()):
+    for name, expectations in found.items():
         points = np.array([(e.from_learning.value, e.observed) for e in expectations])
-        colour = PALETTE[row % len(PALETTE)]
-        axes.plot(*points.T, ".", color=colour, alpha=0.6)
-        axes.plot(*np.nanmean(points, axis=0), "P", color=colour, markersize=11, label=name)
+        points = points[~np.isnan(points).any(axis=1)]
+        axes.plot(*points.T, ".", color=colours[name], alpha=0.6)
+        mean = points.mean(axis=0) if len(points) else (np.nan, np.nan)
+        axes.plot(*mean, "P", color=colours[name], markeredgecolor="0.1", markersize=11, label=name)
     limit = max(*axes.get_xlim(), *axes.get_ylim())
     axes.plot([0.0, limit], [0.0, limit], "-", color="0.6", linewidth=1, zorder=0)
+    axes.set(xlim=(-0.02 * limit, limit), ylim=(-0.02 * limit, limit), aspect="equal")
     axes.set(xlabel="overrides expected from learning", ylabel="overrides observed")
     axes.legend(fontsize=9)
     return figure

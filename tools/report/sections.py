@@ -5,19 +5,18 @@ from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from typing import NamedTuple
 
-import msgspec
 from matplotlib.figure import Figure
 
 from companion.flightlog import Topic
 from companion.kernel.errors import CompanionError
-from companion.plan import Plan
 from companion.summary import format_figure, table_rows
 from tools import picture, risk
 from tools.assessment import assess
 from tools.logs import open_log
 from tools.report import figures
 from tools.report.flight import ReportedFlight, overrides
-from tools.report.page import Page, folded, paragraph, table
+from tools.report.page import Page, paragraph, table
+from tools.report.plans import plan_flown
 
 PACKAGES = (
     "mono-companion", "numpy", "opencv-python-headless", "scikit-learn", "numba", "mcap", "mavsdk",
@@ -54,7 +53,7 @@ def flight_page(flight: ReportedFlight, page: Page) -> None:
     page.add("Risk", _risk(flight))
     page.add("Events", _events(flight))
     page.add("Health of the log", _health(flight))
-    page.add("Plan as flown", _plan(flight))
+    page.add("Plan as flown", plan_flown(flight))
     page.add("Software", _software(flight))
 
 
@@ -161,24 +160,6 @@ def _health(flight: ReportedFlight) -> str:
         rows = [("problem" if f.problem else "note", f.text) for f in health.findings]
         parts.append(table(("", ""), rows, words=True))
     return "\n".join(parts)
-
-
-def _plan(flight: ReportedFlight) -> str:
-    flown, default = (_flat(msgspec.to_builtins(plan)) for plan in (flight.plan, Plan()))
-    rows = [(key, value, default.get(key, "")) for key, value in sorted(flown.items())]
-    changed = [row for row in rows if row[1] != row[2]]
-    header = ("key", "flown", "default")
-    return table(header, changed, words=True) + folded("all keys", table(header, rows, words=True))
-
-
-def _flat(values: dict[str, object], prefix: str = "") -> dict[str, str]:
-    flat: dict[str, str] = {}
-    for key, value in values.items():
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[prefix + key] = "–" if value is None else str(value)
-    return flat
 
 
 def _software(flight: ReportedFlight) -> str:

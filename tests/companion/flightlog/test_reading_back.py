@@ -74,6 +74,40 @@ def test_columns_have_the_types_of_their_fields(tmp_path, write_flight):
     assert set(log.columns(Topic.DECISION)["cue"]) == {"mono"}
 
 
+class Step(msgspec.Struct):
+    stamp_ns: int
+    goal: Setpoint | None = None
+
+
+def test_a_part_that_was_not_there_at_first_is_a_column_of_nothing(tmp_path, metadata):
+    """The first record says which columns there are."""
+    path = tmp_path / "flight.mcap"
+    with FlightLogWriter(path, metadata) as log:
+        log.write("/own", Step(1))
+        log.write("/own", Step(2, Setpoint(stamp_ns=2)))
+    columns = FlightLog(path).columns("/own")
+    assert columns["stamp_ns"].tolist() == [1, 2]
+    assert set(columns) == {"stamp_ns", "goal"}
+    assert np.isnan(columns["goal"]).all()
+
+
+def test_several_topics_are_read_as_each_alone(whole_log):
+    log = FlightLog(whole_log)
+    topics = (Topic.DECISION, Topic.EVENT, Topic.MOCAP)
+    for topic, columns in zip(topics, log.tables(*topics), strict=True):
+        np.testing.assert_equal(columns, log.columns(topic))
+
+
+@given(stamps_ns=st.lists(st.integers(-STEP_NS, 62 * STEP_NS), min_size=1))
+def test_the_nearest_record_has_the_nearest_stamp(whole_log, stamps_ns):
+    log = FlightLog(whole_log)
+    every_ns = log.columns(Topic.MOCAP)["stamp_ns"]
+    nearest = log.nearest(Topic.MOCAP, np.array(stamps_ns))
+    assert nearest["truth_position_ned_m"].shape == (len(stamps_ns), 3)
+    for stamp_ns, found_ns in zip(stamps_ns, nearest["stamp_ns"], strict=True):
+        assert abs(stamp_ns - found_ns) == abs(stamp_ns - every_ns).min()
+
+
 def test_a_record_of_another_clock_keeps_both_stamps(tmp_path, metadata):
     path = tmp_path / "flight.mcap"
     with FlightLogWriter(path, metadata) as log:
