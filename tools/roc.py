@@ -2,8 +2,9 @@
 
 python -m tools.roc LOGS ... --out DIR
 
-LOGS are flight logs or folders that hold them. One line style per room, as in the paper. Writes
-roc.png, roc.svg, roc.csv (every corner of every curve) and roc.json (operating points).
+LOGS are flight logs or folders that hold them. One line style per room, as in the paper; of more
+than 24 flights a panel for each room and scheme. Writes roc.png, roc.svg, roc.csv (every corner of
+every curve) and roc.json (operating points).
 """
 
 import argparse
