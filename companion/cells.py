@@ -7,8 +7,9 @@ to tell which side is freer, and few enough for every frame.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from companion.compiled import kernel
 
 Floats32 = NDArray[np.float32]
 CellMap = NDArray[np.float32]
@@ -48,8 +49,8 @@ def freer_side(map_px: Floats32) -> int:
 
 
 # The signature is given so that it is compiled, or read from the cache, before take-off.
-@njit("void(f4[:,::1], f4[:,::1], f4[:,::1])", cache=True, nogil=True)
-def _label(map_px, disparity_px, valid_norm):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel("void(f4[:,::1], f4[:,::1], f4[:,::1])")
+def _label(map_px: CellMap, disparity_px: CellMap, valid_norm: CellMap) -> None:
     height, width = map_px.shape
     rows, columns = disparity_px.shape
     for row in range(rows):

@@ -7,11 +7,10 @@ regressor can weigh. The image is brought to WIDTH_PX x HEIGHT_PX first, whateve
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from companion import cells
-from companion.kernel.fastmath import FASTMATH
+from companion.compiled import kernel
 
 Grey = NDArray[np.uint8]
 Floats32 = NDArray[np.float32]
@@ -56,8 +55,8 @@ def encode_cells(view: Floats32) -> Floats32:
     return features
 
 
-@njit(cache=True, nogil=True)
-def _halve(view):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel()
+def _halve(view: Floats32) -> Floats32:
     height, width = view.shape[0] // 2, view.shape[1] // 2
     half = np.empty((height, width), dtype=np.float32)
     for row in range(height):
@@ -69,8 +68,8 @@ def _halve(view):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numb
     return half
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH)
-def _pool(view, energy, counts):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel(fast=True)
+def _pool(view: Floats32, energy: NDArray[np.float64], counts: NDArray[np.int64]) -> None:
     """Mean energies per cell, (ENERGIES, rows, columns), and how often each magnitude occurs."""
     _, rows, columns = energy.shape
     height, width = view.shape[0] // rows, view.shape[1] // columns
@@ -94,8 +93,10 @@ def _pool(view, energy, counts):  # type: ignore[no-untyped-def]  # noqa: ANN001
         energy[:, cell // columns, cell % columns] = sums / (height * width)
 
 
-@njit(cache=True, nogil=True)
-def _quantiles(counts, quantiles, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel()
+def _quantiles(
+    counts: NDArray[np.int64], quantiles: NDArray[np.float64], features: Floats32
+) -> None:
     """Logarithms of the magnitudes that those shares of the pixels stay below."""
     seen, total, place = 0, counts.sum(), 0
     for bin_ in range(len(counts)):
@@ -105,8 +106,8 @@ def _quantiles(counts, quantiles, features):  # type: ignore[no-untyped-def]  # 
             place += 1
 
 
-@njit(cache=True, nogil=True)
-def _brightness(view, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel()
+def _brightness(view: Floats32, features: Floats32) -> None:
     height, width = view.shape[0] // ROWS, view.shape[1] // COLUMNS
     for row in range(ROWS):
         for column in range(COLUMNS):
@@ -116,8 +117,8 @@ def _brightness(view, features):  # type: ignore[no-untyped-def]  # noqa: ANN001
 
 
 # The signature is given so that it is compiled, or read from the cache, before take-off.
-@njit("void(f4[:,::1], f8[::1], f4[::1])", cache=True, nogil=True)
-def _encode(view, quantiles, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel("void(f4[:,::1], f8[::1], f4[::1])")
+def _encode(view: Floats32, quantiles: NDArray[np.float64], features: Floats32) -> None:
     energy = np.empty((ENERGIES, ROWS, COLUMNS))
     counts = np.empty(int(MOST_LSB * BINS_PER_LSB), dtype=np.int64)
     n_cells = ROWS * COLUMNS
@@ -133,8 +134,8 @@ def _encode(view, quantiles, features):  # type: ignore[no-untyped-def]  # noqa:
         view = _halve(view)
 
 
-@njit("void(f4[:,::1], f4[:,::1])", cache=True, nogil=True)
-def _encode_cells(view, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel("void(f4[:,::1], f4[:,::1])")
+def _encode_cells(view: Floats32, features: Floats32) -> None:
     energy = np.empty((ENERGIES, cells.ROWS, cells.COLUMNS))
     counts = np.empty(int(MOST_LSB * BINS_PER_LSB), dtype=np.int64)
     height, width = view.shape[0] // cells.ROWS, view.shape[1] // cells.COLUMNS

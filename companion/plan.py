@@ -94,7 +94,7 @@ def _apply_override(table: dict[str, Any], override: str) -> None:
     table[last] = _toml_value(text.strip())
 
 
-def _toml_value(text: str) -> Any:  # noqa: ANN401 - whatever TOML can hold
+def _toml_value(text: str) -> object:
     """The text as a TOML value; a bare word is a string."""
     try:
         return tomllib.loads(f"value = {text}")["value"]

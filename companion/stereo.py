@@ -13,9 +13,9 @@ from typing import Annotated, Literal, NamedTuple, cast
 import cv2
 import numpy as np
 from msgspec import Meta
-from numba import njit
 from numpy.typing import NDArray
 
+from companion.compiled import kernel
 from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.errors import CameraError, PlanError
 from companion.kernel.settings import Settings
@@ -253,8 +253,10 @@ def _is_aligned(calibration: StereoCalibration) -> bool:
 
 
 # The signature is given so that it is compiled, or read from the cache, before take-off.
-@njit("Tuple((i8, f8, f8))(i2[:,:], i8, f8)", cache=True, nogil=True)
-def _summarise(raw, least_px, exceeding_norm):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel("Tuple((i8, f8, f8))(i2[:,:], i8, f8)")
+def _summarise(
+    raw: NDArray[np.int16], least_px: int, exceeding_norm: float
+) -> tuple[int, float, float]:
     """(matches inside the right image, their mean, the value exceeded by that share of them)."""
     height, width = raw.shape
     least = least_px * SUBPIXELS

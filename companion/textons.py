@@ -11,10 +11,9 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from msgspec import Meta
-from numba import njit
 from numpy.typing import NDArray
 
-from companion.kernel.fastmath import FASTMATH
+from companion.compiled import kernel
 from companion.kernel.settings import Settings
 
 Grey = NDArray[np.uint8]
@@ -220,8 +219,8 @@ def _linear_form(dictionary: TextonDictionary, patch_px: int) -> tuple[Floats32,
     return np.ascontiguousarray(weights, dtype=np.float32), offsets.astype(np.float32)
 
 
-@njit(cache=True, nogil=True)
-def _nearest(nodes, sample):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel()
+def _nearest(nodes: Floats32, sample: Floats32) -> int:
     best, winner = np.inf, 0
     for node in range(len(nodes)):
         distance = 0.0
@@ -233,8 +232,15 @@ def _nearest(nodes, sample):  # type: ignore[no-untyped-def]  # noqa: ANN001, AN
 
 
 # Signatures are given so that kernels are compiled, or read from the cache, before take-off.
-@njit("void(f4[:,::1], f4[:,::1], f8, f8, f8, f8)", cache=True, nogil=True)
-def _train(nodes, samples, done_norm, step_norm, rate_start, rate_end):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel("void(f4[:,::1], f4[:,::1], f8, f8, f8, f8)")
+def _train(
+    nodes: Floats32,
+    samples: Floats32,
+    done_norm: float,
+    step_norm: float,
+    rate_start: float,
+    rate_end: float,
+) -> None:
     """One Kohonen step per sample: the winner and its neighbours move towards it.
 
     Rate and neighbourhood (a Gaussian along the map) shrink geometrically with progress.
@@ -253,13 +259,16 @@ def _train(nodes, samples, done_norm, step_norm, rate_start, rate_end):  # type:
         done_norm += step_norm
 
 
-@njit(
-    "void(u1[:,::1], i8[:,::1], f4[:,::1], f4[::1], i8, f8, f4[::1])",
-    cache=True,
-    nogil=True,
-    fastmath=FASTMATH,
-)
-def _encode(image, places, weights, offsets, n_intensity, entropy_scale, features):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel("void(u1[:,::1], i8[:,::1], f4[:,::1], f4[::1], i8, f8, f4[::1])", fast=True)
+def _encode(
+    image: Grey,
+    places: NDArray[np.int64],
+    weights: Floats32,
+    offsets: Floats32,
+    n_intensity: int,
+    entropy_scale: float,
+    features: Floats32,
+) -> None:
     n_textons = len(offsets)
     size = round(math.sqrt(len(weights)))
     score = np.empty(n_textons, dtype=np.float32)

@@ -119,7 +119,7 @@ class FlightCard:
         """Lands here; returns when disarmed."""
         self._run(self._rig.vehicle.land())
 
-    def inject(self, **faults: Any) -> float:  # noqa: ANN401 - checked against Faults
+    def inject(self, **faults: object) -> float:
         """Keywords of ``sitl.faults.Faults``; the time they act from."""
         return self._run(self._machine.inject(convert_settings(faults, Faults, "inject")))
 

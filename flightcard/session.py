@@ -46,13 +46,13 @@ class Session:
     ) -> None:
         self._open.close()
 
-    def open_lockstep(self, **wishes: Any) -> FlightCard:  # noqa: ANN401 - checked as a whole
+    def open_lockstep(self, **wishes: object) -> FlightCard:
         return self._open_card("lockstep", open_lockstep, wishes)
 
-    def open_sitl(self, **wishes: Any) -> FlightCard:  # noqa: ANN401 - checked as a whole
+    def open_sitl(self, **wishes: object) -> FlightCard:
         return self._open_card("sitl", open_sitl_process, wishes)
 
-    def open_arena(self, *, pose: str, **wishes: Any) -> "Arena":  # noqa: ANN401 - checked as a whole
+    def open_arena(self, *, pose: str, **wishes: object) -> "Arena":
         order = self._order(wishes, self.new_folder("arena"))
         camera = self._enter(_arena_camera(order, pose))
         return Arena(camera, self._runner)

@@ -65,7 +65,7 @@ def save_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]])
     return path
 
 
-def _cell(value: Any) -> Any:  # noqa: ANN401 - whatever a table holds
+def _cell(value: object) -> object:
     if isinstance(value, float | np.floating):
         return "" if np.isnan(value) else f"{value:.6g}"
     return value

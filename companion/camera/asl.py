@@ -228,7 +228,8 @@ def _logical_lines(text: str) -> Iterator[str]:
         yield pending
 
 
-def _value(text: str) -> Any:  # noqa: ANN401 - a word, a number or a list of numbers
+def _value(text: str) -> object:
+    """A word, a number or a list of numbers."""
     try:
         if text.startswith("["):
             return [float(part) for part in text.strip("[] ").rstrip(",").split(",")]

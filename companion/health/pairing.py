@@ -4,10 +4,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
 
+from companion.compiled import kernel
 from companion.health.eyes import Sign
-from companion.kernel.fastmath import FASTMATH
 from companion.kernel.messages import CameraFault
 from companion.stereo import Matches
 
@@ -84,13 +84,14 @@ def _sign_of_matches(pair: Pairing) -> Sign | None:
     return None
 
 
-@njit(
-    "Tuple((i8, i8, f8, f8))(u1[:,::1], u1[:,::1], i2[:,:], i8, f8)",
-    cache=True,
-    nogil=True,
-    fastmath=FASTMATH,
-)
-def _compare(left, right, sixteenths, least_px, beyond_px):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel("Tuple((i8, i8, f8, f8))(u1[:,::1], u1[:,::1], i2[:,:], i8, f8)", fast=True)
+def _compare(
+    left: NDArray[np.uint8],
+    right: NDArray[np.uint8],
+    sixteenths: NDArray[np.int16],
+    least_px: int,
+    beyond_px: float,
+) -> tuple[int, int, float, float]:
     """(matches looked at, those beyond, moment and weight of the vertical offset).
 
     One step of Lucas and Kanade's registration (1981), vertically, at every second pixel: the
@@ -118,8 +119,8 @@ def _compare(left, right, sixteenths, least_px, beyond_px):  # type: ignore[no-u
     return n_matches, n_beyond, moment, weight
 
 
-@njit("Tuple((i8, i8, f8))(u1[:,::1], u1[:,::1])", cache=True, nogil=True, fastmath=FASTMATH)
-def _overlay(left, right):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel("Tuple((i8, i8, f8))(u1[:,::1], u1[:,::1])", fast=True)
+def _overlay(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[int, int, float]:
     """(x_left - x_right, y_right - y_left, least over mean difference) of the best overlay."""
     height, width = left.shape[0] // 2, left.shape[1] // 2
     small = np.empty((2, height, width), np.int16)

@@ -3,10 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from companion.kernel.fastmath import FASTMATH
+from companion.compiled import kernel
 
 Grey = NDArray[np.uint8]
 Floats = NDArray[np.float64]
@@ -51,8 +50,8 @@ def survey(image: Grey, previous: Grey | None) -> Survey:
     )
 
 
-@njit(cache=True, nogil=True, fastmath=FASTMATH)
-def _cell_contrast(image, cell_row, cell_column):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel(fast=True)
+def _cell_contrast(image: Grey, cell_row: int, cell_column: int) -> float:
     height, width = image.shape
     top, bottom = cell_row * height // CELL_ROWS, (cell_row + 1) * height // CELL_ROWS
     left, right = cell_column * width // CELL_COLUMNS, (cell_column + 1) * width // CELL_COLUMNS
@@ -70,13 +69,8 @@ def _cell_contrast(image, cell_row, cell_column):  # type: ignore[no-untyped-def
     return total / (count * STEP_PX * STEP_PX) if count else 0.0
 
 
-@njit(
-    "UniTuple(i8, 4)(u1[:,::1], u1[:,::1], f8[:,::1])",
-    cache=True,
-    nogil=True,
-    fastmath=FASTMATH,
-)
-def _count(image, before, contrast):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel("UniTuple(i8, 4)(u1[:,::1], u1[:,::1], f8[:,::1])", fast=True)
+def _count(image: Grey, before: Grey, contrast: Floats) -> tuple[int, int, int, int]:
     """(black pixels, white pixels, stale rows, flat rows); fills ``contrast``."""
     height, width = image.shape
     n_black = n_white = n_stale = n_flat = 0

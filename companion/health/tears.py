@@ -1,10 +1,9 @@
 """Torn images: from some row on all is shifted sideways, because the start of a line was lost."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from companion.kernel.fastmath import FASTMATH
+from companion.compiled import kernel
 
 Grey = NDArray[np.uint8]
 
@@ -69,8 +68,8 @@ def _fit_at_one_end(image: Grey, other: Grey, reach_px: tuple[int, int], limit_n
     return bool((upper < limit_norm) != (lower < limit_norm))
 
 
-@njit("f8(u1[:,::1], u1[:,::1], i8, i8)", cache=True, nogil=True, fastmath=FASTMATH)
-def _fit_norm(band, other, reach_px, back_px):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel("f8(u1[:,::1], u1[:,::1], i8, i8)", fast=True)
+def _fit_norm(band: Grey, other: Grey, reach_px: int, back_px: int) -> float:
     """Least difference of the bands when shifted beyond the reach, over the least within it.
 
     The reach is ``reach_px`` to the right and ``back_px`` to the left; shifts go round.

@@ -3,10 +3,10 @@
 from typing import Literal, NamedTuple, Self, overload
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_is_fitted
 
+from companion.compiled import kernel
 from companion.parts import Arrays
 from companion.regressors.base import Floats
 from companion.regressors.checks import checked, checked_samples
@@ -118,8 +118,10 @@ class KNNRegressor(OnlineRegressor):
 
 
 # The signature is given so that it is compiled, or read from the cache, before take-off.
-@njit("Tuple((f8[::1], f8[::1]))(f8[::1], i8[:,::1])", cache=True, nogil=True)
-def _spread(targets, index):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel("Tuple((f8[::1], f8[::1]))(f8[::1], i8[:,::1])")
+def _spread(
+    targets: NDArray[np.float64], index: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean and sample standard deviation of each row's targets."""
     n_queries, k = index.shape
     mean, std = np.empty(n_queries), np.full(n_queries, np.nan)

@@ -4,10 +4,9 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from companion.kernel.fastmath import FASTMATH
+from companion.compiled import kernel
 from companion.parts import Arrays
 
 Tensor = NDArray[np.float32]
@@ -119,13 +118,17 @@ class Network:
 
 
 # One pass over memory instead of a dozen: this is most of the time of a step.
-@njit(
-    "void(f4[::1], f4[::1], f4[::1], f4[::1], f4[::1], f4, f4, f4)",
-    cache=True,
-    nogil=True,
-    fastmath=FASTMATH,
-)
-def _update(values, averages, first, second, gradient, size, decay, share):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202 - numba finds the types
+@kernel("void(f4[::1], f4[::1], f4[::1], f4[::1], f4[::1], f4, f4, f4)", fast=True)
+def _update(
+    values: Tensor,
+    averages: Tensor,
+    first: Tensor,
+    second: Tensor,
+    gradient: Tensor,
+    size: np.float32,
+    decay: np.float32,
+    share: np.float32,
+) -> None:
     keep_first, keep_second = np.float32(DECAYS[0]), np.float32(DECAYS[1])
     one, floor = np.float32(1.0), np.float32(1e-8)
     for place in range(len(values)):

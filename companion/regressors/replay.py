@@ -8,9 +8,9 @@ from abc import abstractmethod
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from companion.compiled import kernel
 from companion.parts import Arrays, part
 from companion.regressors.base import Floats
 from companion.regressors.online import OnlineRegressor
@@ -128,8 +128,10 @@ class ReplayRegressor(OnlineRegressor):
         return n_steps
 
 
-@njit("i8[::1](f8[::1], f8[::1], f8)", cache=True, nogil=True)
-def draw_evenly(targets, draws, balance):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - numba finds the types
+@kernel("i8[::1](f8[::1], f8[::1], f8)")
+def draw_evenly(
+    targets: NDArray[np.float64], draws: NDArray[np.float64], balance: float
+) -> NDArray[np.int64]:
     """Rows for ``draws`` in [0, 1): a row weighs the share of rows like it to ``-balance``."""
     least, most = targets.min(), targets.max()
     per_px = (BINS - 1e-6) / max(most - least, 1e-9)

@@ -164,7 +164,7 @@ def _with_hypothesis(target, seeds):
     @settings(
         max_examples=EXAMPLES,
         database=None,
-        suppress_health_check=list(HealthCheck),
+        suppress_health_check=list(HealthCheck),  # slow and large inputs are what is looked for
     )
     @given(st.integers(0, 2**32 - 1) | st.binary(max_size=64))
     def mutate(choice):

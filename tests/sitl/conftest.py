@@ -105,7 +105,7 @@ class FlightCard:
         return [entry.time_s for entry in self.texts if entry.text == text]
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_flight():
     """Builds a flight: ``make_flight(hall=..., settings=..., seed=...)``."""
     return FlightCard

@@ -73,12 +73,13 @@ def pack(frame):
     return body + mavlink.x25crc(body[1:] + bytes((frame.crc,))).crc.to_bytes(2, "little")
 
 
+# One vehicle meets all examples, on purpose: see hostile.
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     frames=st.lists(sound_frames().map(pack) | aimed_frames() | st.binary(max_size=60), max_size=8),
     flips=st.lists(st.tuples(st.integers(0, 400), st.integers(1, 255)), max_size=3),
 )
-def test_no_bytes_stop_the_vehicle(fly_mavlink, hostile, frames, flips):
+def test_no_bytes_stop_the_vehicle(hostile, frames, flips):
     codec = mavlink.MAVLink(None, 255, 190)
     data = bytearray(
         b"".join(f if isinstance(f, bytes) else f.pack(codec) for f in frames) or b"\0"
