@@ -8,8 +8,10 @@ from typing import Literal, NamedTuple
 BEFORE_FLIGHT_S = 10.0
 """The world's time at which a flight's first phase begins, about: take-off takes as long."""
 PHASES_S = {"initial": 14.0, "learning": 16.0, "test": 24.0}
-MOMENTS_S = {"initial": 8.0, "learning": 20.0, "test": 36.0}
+MOMENTS_S = {"initial": 8.0, "learning": 20.0, "test": 36.0, "trusted": 66.0}
 """Since the first phase began."""
+TRUSTED_INITIAL_S = 44.0
+"""Long enough for stereo to come to an obstacle, without which nothing is trusted."""
 ROOMS = ("room1", "office", "corridor")
 PLAN_WORDS = (
     *(f"experiment.{phase}_s={duration_s}" for phase, duration_s in PHASES_S.items()),
@@ -38,7 +40,7 @@ class Case(NamedTuple):
     steps: tuple[tuple[float, Mapping[str, object]], ...] = ()
     deed: Deed = ""
     """What is done to the companion, rather than to the vehicle."""
-    moments: tuple[str, ...] = tuple(MOMENTS_S)
+    moments: tuple[str, ...] = tuple(PHASES_S)
     words: tuple[str, ...] = ()
     """Keys of the plan, KEY=VALUE."""
 
@@ -59,11 +61,13 @@ _EYE_FAULTS = (
 )  # fmt: skip
 _MISMATCHES = ("swapped", "decalibrated", "desynchronised")
 _TRUSTING = (
-    *("learner.threshold_ratio=0.87", "trust.least_approaches=1", "trust.confirm_s=0"),
+    *(f"experiment.initial_s={TRUSTED_INITIAL_S}", "learner.preset=best"),
+    *("learner.threshold_ratio=1", "learner.caution_std=1"),
+    *("trust.least_approaches=1", "trust.confirm_s=0"),
     *("trust.auc=0", "trust.collision_probability=1", "trust.error_norm=100"),
     *("trust.recent_error_norm=100", "trust.novelty=100"),
 )
-"""So that half a minute of learning is trusted as ten minutes would be."""
+"""So that a minute of learning is trusted as ten minutes would be."""
 
 
 def _blind_of(what: str, faults: Mapping[str, object]) -> tuple[Case, Case]:
@@ -71,7 +75,7 @@ def _blind_of(what: str, faults: Mapping[str, object]) -> tuple[Case, Case]:
     steps = _lasting(**faults)
     return (
         Case(f"{what}, nothing learned", Outcome.LANDS, steps, moments=("initial",)),
-        Case(f"{what}, learned", Outcome.FLIES, steps, moments=("test",), words=_TRUSTING),
+        Case(f"{what}, learned", Outcome.FLIES, steps, moments=("trusted",), words=_TRUSTING),
     )
 
 
