@@ -98,8 +98,10 @@ def test_records_are_left_out_when_there_is_no_room_at_all(disk, tmp_path, monke
 
 def test_a_patient_log_leaves_nothing_out(disk, tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "IMAGES_ROOM_BYTES", 1)
-    reading = disk.read_on(tmp_path / "flight.mcap")
     with FlightLogWriter(disk.path, META, images="stereo", patient=True) as log:
+        reading = disk.read_on(
+            tmp_path / "flight.mcap"
+        )  # a pipe that nobody writes to is at its end
         for number in range(50):
             log.write_frame(noisy_pair(number))
     reading.join()
