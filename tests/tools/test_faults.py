@@ -60,7 +60,37 @@ def test_a_fault_is_flown_and_noted(tmp_path, capsys, fault):
     assert capsys.readouterr().out.splitlines()[-1] == "1 flights, 0 not as they should be"
 
 
+ONE = ["--seeds", "1", "--mavlink-seeds", "0", "--rooms", "room1", "--only", "none"]
+
+
+def fail(monkeypatch):
+    monkeypatch.setattr(
+        "tools.faults.__main__._fly_all",
+        lambda tasks, workers: [flown(collisions=1) for _ in tasks],
+    )
+
+
+def test_a_matrix_goes_on_where_it_ended(tmp_path, capsys, monkeypatch):
+    fail(monkeypatch)
+    main([*ONE, "--out", str(tmp_path)])
+    path = tmp_path / "faults.csv"
+    first = path.read_text()
+    path.write_text(first + "lockstep,none,te")
+    monkeypatch.setattr("tools.faults.__main__._fly_all", lambda tasks, workers: tasks[:0])
+    assert main([*ONE, "--out", str(tmp_path)]) == 1
+    assert path.read_text() == first
+    assert "1 flights, 1 not as they should be" in capsys.readouterr().out
+
+
+def test_a_table_of_something_else_is_left_alone(tmp_path, capsys):
+    path = tmp_path / "faults.csv"
+    path.write_text("id,group\n1,2\n")
+    assert main([*ONE, "--out", str(tmp_path)]) == 1
+    assert "faults.csv: not a table of tools.faults" in capsys.readouterr().err
+    assert path.read_text() == "id,group\n1,2\n"
+
+
 def test_what_is_not_as_expected_is_exit_code_1(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("tools.faults.__main__._fly_all", lambda *_: [flown(collisions=1)])
-    assert main(["--mavlink-seeds", "0", "--out", str(tmp_path)]) == 1
+    fail(monkeypatch)
+    assert main([*ONE, "--out", str(tmp_path)]) == 1
     assert "faults: 1 flights not as they should be" in capsys.readouterr().err

@@ -8,16 +8,24 @@ import multiprocessing
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
+from rich.console import Console
+
 from companion.kernel.errors import CompanionError
-from tools.drawing import run, save_table
+from tools.drawing import run
 from tools.faults import lockstep, mavlink
+from tools.faults.book import Book
 from tools.faults.cases import CASES, MAVLINK_ONLY, ROOMS
 from tools.faults.lockstep import Task
 from tools.faults.results import Flown, table
+from tools.progress import progress_bar
 
 MAVLINK_ROOM, MAVLINK_MOMENT = "room1", "test"
+
+Way = tuple[str, Sequence[Task], Callable[[Sequence[Task]], Iterable[Flown]]]
+"""Its name, its flights, and how to fly them."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -27,12 +35,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _work(args: argparse.Namespace) -> Iterator[str]:
     args.out.mkdir(parents=True, exist_ok=True)
-    flights = list(_watched(_fly_all(_tasks(args), args.workers)))
-    flights += _watched(map(mavlink.fly, _mavlink_tasks(args)))
-    rows = [[*flown, flown.as_expected] for flown in flights]
+    book = Book(args.out / "faults.csv")
+    ways: tuple[Way, ...] = (
+        ("lockstep", _tasks(args), partial(_fly_all, workers=args.workers)),
+        ("mavlink", _mavlink_tasks(args), partial(map, mavlink.fly)),
+    )
+    flights = [flown for way in ways for flown in _fly_missing(book, *way)]
     lines = list(table(flights))
     (args.out / "faults.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    yield str(save_table(args.out / "faults.csv", (*Flown._fields, "as_expected"), rows))
+    yield str(book.path)
     yield from lines
     n_bad = sum(not flown.good for flown in flights)
     yield f"{len(flights)} flights, {n_bad} not as they should be"
@@ -64,17 +75,28 @@ def _fly_all(tasks: Sequence[Task], workers: int) -> Iterator[Flown]:
             yield from pool.imap(lockstep.fly, tasks)
 
 
-def _watched(flights: Iterable[Flown]) -> Iterator[Flown]:
-    """Says at once what is not as it should be."""
-    for flown in flights:
-        if not flown.good:
-            print(
-                f"{flown.way} {flown.room} seed {flown.seed}: {flown.case} ({flown.moment}): "
-                f"{flown.observed}, not {flown.expected}; {flown.collisions} collisions, "
-                f"{flown.lost_s:.1f} s lost; {flown.reason}",
-                file=sys.stderr,
-            )
-        yield flown
+def _fly_missing(
+    book: Book, way: str, tasks: Sequence[Task], fly: Callable[[Sequence[Task]], Iterable[Flown]]
+) -> Iterator[Flown]:
+    """Flies what the book lacks, and says at once what is not as it should be."""
+    console = Console(stderr=True)
+    missing = book.missing(way, tasks)
+    with progress_bar(console) as bar:
+        task = bar.add_task(f"flights, {way}", total=len(missing))
+        for flown in fly(missing):
+            book.add(flown)
+            bar.advance(task)
+            if not flown.good:
+                console.print(_complaint(flown), markup=False, highlight=False, soft_wrap=True)
+    return book.of(way, tasks)
+
+
+def _complaint(flown: Flown) -> str:
+    return (
+        f"{flown.way} {flown.room} seed {flown.seed}: {flown.case} ({flown.moment}): "
+        f"{flown.observed}, not {flown.expected}; {flown.collisions} collisions, "
+        f"{flown.lost_s:.1f} s lost; {flown.reason}"
+    )
 
 
 def _number(least: int) -> Callable[[str], int]:
