@@ -51,12 +51,7 @@ class Perception:
         usable = self._health.look(frame, arrived_s, telemetry.stamp_ns * 1e-9)
         stereo = self._match(frame, usable)
         image = self._image(frame, usable)
-        features = None
-        if image is not None:
-            nearness_per_m = math.nan
-            if self._parallax is not None:
-                nearness_per_m = self._parallax.observe(image, frame.stamp_ns, telemetry)
-            features = self._learner.observe(image, nearness_per_m)
+        features = None if image is None else self._observe(image, frame.stamp_ns, telemetry)
         mono = self._learner.predict(features)
         percept = Percept(
             stamp_ns=frame.stamp_ns,
@@ -83,6 +78,11 @@ class Perception:
         return msgspec.structs.replace(
             percept, fused_px=fused.disparity_px, fused_std_px=fused.std_px
         )
+
+    def _observe(self, image: Grey, stamp_ns: int, telemetry: Telemetry) -> Features | None:
+        if self._parallax is None:
+            return self._learner.observe(image)
+        return self._learner.observe(image, self._parallax.observe(image, stamp_ns, telemetry))
 
     def _match(self, frame: StereoFrame, usable: Look) -> StereoResult:
         """Unknown unless both eyes are sound and a pair."""
