@@ -75,7 +75,7 @@ def test_a_matrix_goes_on_where_it_ended(tmp_path, capsys, monkeypatch):
     main([*ONE, "--out", str(tmp_path)])
     path = tmp_path / "faults.csv"
     first = path.read_text()
-    path.write_text(first + "lockstep,none,te")
+    path.write_text(first + "lockstep,none,room")
     monkeypatch.setattr("tools.faults.__main__._fly_all", lambda tasks, workers: tasks[:0])
     assert main([*ONE, "--out", str(tmp_path)]) == 1
     assert path.read_text() == first
