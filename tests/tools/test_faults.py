@@ -90,6 +90,12 @@ def test_a_table_of_something_else_is_left_alone(tmp_path, capsys):
     assert path.read_text() == "id,group\n1,2\n"
 
 
+def test_a_fault_that_does_not_exist_is_no_success(tmp_path, capsys):
+    assert main(["--only", "lightning", "--out", str(tmp_path / "out")]) == 2
+    assert "faults: --only lightning: no fault is called so" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_is_not_as_expected_is_exit_code_1(tmp_path, capsys, monkeypatch):
     fail(monkeypatch)
     assert main([*ONE, "--out", str(tmp_path)]) == 1

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from companion.kernel.errors import CompanionError
+from companion.kernel.errors import CompanionError, PlanError
 from tools.drawing import run
 from tools.faults import lockstep, mavlink
 from tools.faults.book import Book
@@ -34,6 +34,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _work(args: argparse.Namespace) -> Iterator[str]:
+    if not any(args.only in case.name for case in (*CASES, *MAVLINK_ONLY)):
+        raise PlanError(f"--only {args.only}: no fault is called so; see tools/faults/cases.py")
     args.out.mkdir(parents=True, exist_ok=True)
     book = Book(args.out / "faults.csv")
     ways: tuple[Way, ...] = (
