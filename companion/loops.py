@@ -197,6 +197,8 @@ def _write(log: FlightLogWriter, frame: StereoFrame, telemetry: Telemetry, step:
     log.write(Topic.DECISION, step.decision)
     if step.health is not None:
         log.write(Topic.HEALTH, step.health)
+    if step.drift is not None:
+        log.write(Topic.DRIFT, step.drift)
     if step.trust is not None:
         log.write(Topic.TRUST, step.trust)
     log.write(Topic.SETPOINT, step.verdict.setpoint)

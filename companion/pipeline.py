@@ -8,12 +8,14 @@ import numpy as np
 from companion.behaviour import Behaviour
 from companion.cells import CellMap, freer_side
 from companion.certainty import certainty_norm, with_speed_for
+from companion.drift import DriftMonitor
 from companion.health import CameraHealth
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.messages import (
     Availability,
     Cue,
     Decision,
+    Drift,
     Event,
     Goal,
     Health,
@@ -26,6 +28,7 @@ from companion.kernel.messages import (
     TrustStatus,
 )
 from companion.learner import Learner
+from companion.odometry import Odometry
 from companion.perception import Perception
 from companion.pilot import fly_to
 from companion.plan import Plan
@@ -52,6 +55,8 @@ class Step(NamedTuple):
     """Where it was time to judge."""
     health: Health | None = None
     """Where it has changed."""
+    drift: Drift | None = None
+    """Where it was time to say how well the autopilot's velocity agrees with the camera's."""
     events: tuple[Event, ...] = ()
     """What a person should hear of."""
 
@@ -81,6 +86,10 @@ class Pipeline:
         )
         self.health = CameraHealth(plan.health, plan.safety.stop_after_s)
         self.perception = Perception(self.matcher, self.learner, self.health)
+        self.drift = DriftMonitor(plan.drift)
+        ahead_m, right_m, down_m = plan.camera.mount_frd_m
+        left_eye_m = ahead_m, right_m - calibration.baseline_m / 2.0, down_m
+        self._odometry = Odometry(self.matcher.lens, self.matcher.disparity_metre_px, left_eye_m)
         self.trust_history = TrustHistory()
         self.phase = Phase.INITIAL
         self.flown_s = 0.0
@@ -97,6 +106,7 @@ class Pipeline:
         """
         elapsed_s = self._elapsed_s(frame.stamp_ns)
         self._enter_phase_at(elapsed_s)
+        raw, telemetry = telemetry, self.drift.corrected(telemetry, frame.stamp_ns)
         seen = self.perception.see(frame, telemetry, arrived_s)
         outlook = self.health.conclude(seen.percept, self.trust.status is TrustStatus.TRUSTED)
         available = outlook.available
@@ -122,8 +132,9 @@ class Pipeline:
         verdict = self._command(frame.stamp_ns, choice, goal, telemetry)
         mono_map = _map_message(frame.stamp_ns, mono_map_px)
         judged, events = self._judge(percept, available)
-        events = outlook.events + events
-        return Step(percept, decision, verdict, mono_map, judged, outlook.record, events)
+        drift, drift_events = self._judge_drift(percept, available, raw)
+        events = outlook.events + events + drift_events
+        return Step(percept, decision, verdict, mono_map, judged, outlook.record, drift, events)
 
     @property
     def samples_learned(self) -> int:
@@ -145,6 +156,18 @@ class Pipeline:
         figures = self.trust.figures
         changed = figures.status is not before
         return figures if judged else None, (event_of(figures),) if changed else ()
+
+    def _judge_drift(
+        self, percept: Percept, available: Availability, telemetry: Telemetry
+    ) -> tuple[Drift | None, tuple[Event, ...]]:
+        """By the pairs that stereo could be flown on; ``telemetry``: as the autopilot sent it."""
+        if not available.stereo or math.isnan(percept.stereo_px):
+            return None, ()
+        matches, stamp_ns = self.matcher.last_matches(), percept.stamp_ns
+        event, record = self.drift.judge(
+            stamp_ns, self._odometry.observe(matches, stamp_ns, telemetry)
+        )
+        return record, () if event is None else (event,)
 
     def _elapsed_s(self, stamp_ns: int) -> float:
         """Since the first frame."""
@@ -201,6 +224,7 @@ class Pipeline:
             yaw_rate_limit_rad_s=math.radians(behaviour.yaw_rate_deg_s),
             settings=self.plan.pilot,
         )
+        setpoint = self.drift.compensated(setpoint, telemetry.yaw_rad)
         verdict = check(setpoint, telemetry, self.plan.safety)
         if choice.cue is not Cue.NONE:
             self._sighted_ns = stamp_ns

@@ -9,8 +9,10 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field
 
 from companion.behaviour import BehaviourSettings
+from companion.drift import DriftSettings
 from companion.health import HealthSettings
 from companion.kernel.errors import PlanError
+from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings, convert_settings, read_toml
 from companion.learner_settings import LearnerSettings
 from companion.pilot import PilotSettings
@@ -21,9 +23,11 @@ from companion.trust import TrustSettings
 
 
 class CameraSettings(Settings, frozen=True):
-    """``[camera]``: how often the stereo pair is exposed."""
+    """``[camera]``: how often the stereo pair is exposed, and where it is mounted."""
 
     rate_hz: Annotated[float, Meta(ge=1, le=120)] = 10.0
+    mount_frd_m: Vector3 = (0.1, 0.0, 0.0)
+    """Midway between the eyes, from the vehicle's centre: they move when it turns."""
 
 
 class LogSettings(Settings, frozen=True):
@@ -50,6 +54,7 @@ class Plan(Settings, frozen=True):
     pilot: PilotSettings = PilotSettings()
     safety: SafetySettings = SafetySettings()
     health: HealthSettings = HealthSettings()
+    drift: DriftSettings = DriftSettings()
     log: LogSettings = LogSettings()
     sitl: dict[str, Any] = field(default_factory=dict)
     """Handed to the simulator, which checks it (see flightplans/README.md)."""

@@ -19,6 +19,7 @@ from companion.compiled import kernel
 from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.errors import CameraError, PlanError
 from companion.kernel.settings import Settings
+from companion.lens import CAM_FROM_FRD, Lens
 
 Grey = NDArray[np.uint8]
 Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
@@ -82,6 +83,15 @@ class Matches(NamedTuple):
     least_px: int
     infinity_px: float
 
+    def disparity_px(self) -> NDArray[np.float32]:
+        """(height, width), NaN where unmatched; infinity has 0."""
+        column = np.arange(self.sixteenths.shape[1]) * SUBPIXELS
+        least = np.maximum(self.least_px * SUBPIXELS, column - column[-1])
+        valid = (self.sixteenths >= least) & (self.sixteenths <= column)
+        disparity_px = (self.sixteenths / SUBPIXELS - self.infinity_px).astype(np.float32)
+        disparity_px[~valid] = np.nan
+        return disparity_px
+
 
 class StereoMatcher:
     """Block matching for one calibrated camera; ``label`` chooses what λ is."""
@@ -106,7 +116,12 @@ class StereoMatcher:
     @property
     def disparity_metre_px(self) -> float:
         """Disparity of a point at 1 m depth in the rectified image."""
-        return self._rectify.focal_px * self.calibration.baseline_m
+        return self._rectify.lens.focal_px * self.calibration.baseline_m
+
+    @property
+    def lens(self) -> Lens:
+        """Of the rectified left image."""
+        return self._rectify.lens
 
     def match(self, left: Grey, right: Grey) -> StereoResult:
         """λ of a raw pair, both (height, width)."""
@@ -135,13 +150,7 @@ class StereoMatcher:
 
     def last_map(self) -> NDArray[np.float32]:
         """The map of the pair matched last, as ``disparity_map``; it costs no second match."""
-        raw = self.last_matches().sixteenths
-        column = np.arange(raw.shape[1]) * SUBPIXELS
-        least = np.maximum(self._least_px * SUBPIXELS, column - column[-1])
-        valid = (raw >= least) & (raw <= column)
-        disparity_px = (raw / SUBPIXELS - self._infinity_px).astype(np.float32)
-        disparity_px[~valid] = np.nan
-        return disparity_px
+        return self.last_matches().disparity_px()
 
     def _match_raw(self, left: Grey, right: Grey) -> Matches:
         self._check_geometry(left, right)
@@ -183,7 +192,7 @@ class _Rectifier:
     """Brings both eyes to one focal length and common rows; does nothing where they have them."""
 
     def __init__(self, calibration: StereoCalibration) -> None:
-        self.focal_px = calibration.left.focal_x_px
+        self.lens = Lens(calibration.left)
         self.disparity_at_infinity_px = calibration.disparity_at_infinity_px
         self._maps: tuple[Maps, ...] = ()
         if not _is_aligned(calibration):
@@ -203,7 +212,8 @@ class _Rectifier:
         turn_left, turn_right, left, right, *_ = cv2.stereoRectify(
             *eyes[0], *eyes[1], size, right_from_left, shift_m, alpha=0.0
         )
-        self.focal_px = float(left[0, 0])
+        pinhole = Intrinsics(left[0, 0], left[1, 1], left[0, 2], left[1, 2])
+        self.lens = Lens(pinhole, turn_left @ CAM_FROM_FRD)
         self.disparity_at_infinity_px = float(left[0, 2] - right[0, 2])
         self._maps = tuple(
             cast(Maps, cv2.initUndistortRectifyMap(*eye, turn, projection, size, cv2.CV_16SC2))

@@ -32,6 +32,7 @@ class Topic(StrEnum):
     MOCAP = "/mocap"
     EVENT = "/event"
     HEALTH = "/health"
+    DRIFT = "/drift"
     LEFT = "/camera/left"
     RIGHT = "/camera/right"
 

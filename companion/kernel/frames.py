@@ -68,3 +68,8 @@ def ned_from_hfrd(forward: float, right: float, yaw_rad: float) -> tuple[float, 
     """(north, east) of a level vector given as (forward, right) at this yaw."""
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     return c * forward - s * right, s * forward + c * right
+
+
+def hfrd_from_ned(north: float, east: float, yaw_rad: float) -> tuple[float, float]:
+    """(forward, right) at this yaw of a level vector given as (north, east)."""
+    return ned_from_hfrd(north, east, -yaw_rad)

@@ -245,6 +245,21 @@ class Health(msgspec.Struct, frozen=True, kw_only=True):
     timing_evidence: str
 
 
+class Drift(msgspec.Struct, frozen=True, kw_only=True):
+    """By how much the autopilot's level velocity exceeds what the stereo camera saw."""
+
+    stamp_ns: int
+    velocity_ned_m_s: tuple[float, float]
+    """(north, east): the median of the last seconds."""
+    scatter_m_s: float
+    """Median deviation of the single measurements."""
+    measurements: int
+    named: bool
+    """Enough to be called a drift, and to be corrected."""
+    walked_ned_m: tuple[float, float]
+    """How far the position has gone astray meanwhile."""
+
+
 class Event(msgspec.Struct, frozen=True, kw_only=True):
     """Something worth a line in the log."""
 

@@ -17,7 +17,7 @@ from companion.kernel.errors import EXIT_FAILED, EXIT_FLOWN, EXIT_USAGE, Compani
 from tools.bench.harness import Row
 
 SUBJECTS = (
-    *("perception", "learning", "camera", "log", "reading", "quality"),
+    *("perception", "odometry", "learning", "camera", "log", "reading", "quality"),
     *("flight", "process", "latency", "realtime"),
 )
 """Modules beside this one, each with ``rows() -> Iterator[Row]``; slow ones last."""

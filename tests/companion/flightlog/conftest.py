@@ -11,6 +11,7 @@ from companion.kernel.messages import (
     BehaviourState,
     Cue,
     Decision,
+    Drift,
     Event,
     Health,
     MocapPose,
@@ -77,6 +78,17 @@ def records_of(n):
     yield Topic.EVENT, Event(stamp_ns=n * STEP_NS, severity="info", text="done")
     yield Topic.HEALTH, an_eye_is_black(n * STEP_NS)
     yield Topic.TRUST, TrustFigures(stamp_ns=n * STEP_NS, status=TrustStatus.LEARNING, auc=0.5)
+    yield (
+        Topic.DRIFT,
+        Drift(
+            stamp_ns=n * STEP_NS,
+            velocity_ned_m_s=(0.2, -0.1),
+            scatter_m_s=0.02,
+            measurements=15,
+            named=True,
+            walked_ned_m=(1.0, -0.5),
+        ),
+    )
     yield Topic.MAP, MonoMap(stamp_ns=n * STEP_NS, columns=2, disparity_px=(1.5, NAN))
 
 

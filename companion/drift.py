@@ -1,0 +1,146 @@
+"""Whether the autopilot's estimate walks away, judged by the camera; and flying straight even so.
+
+Position and velocity come from the autopilot, and so does what it makes of a setpoint: where its
+velocity is wrong by some drift, a vehicle told to stand still drifts the other way. Stereo sees
+that (companion.odometry). What is named is taken out of the telemetry, and added to setpoints.
+"""
+
+import math
+from collections import deque
+from typing import Annotated, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from companion.kernel.frames import hfrd_from_ned
+from companion.kernel.messages import Drift, Event, Setpoint, Telemetry
+from companion.kernel.settings import Settings
+
+Speed = Annotated[float, Meta(gt=0, le=2)]
+
+WINDOW_NS, LEAST_MEASUREMENTS = 3_000_000_000, 8
+MOST_SCATTER_M_S = 0.08
+"""Median deviation from the median; beyond, camera and telemetry are out of step, not astray."""
+RECORD_PERIOD_NS = 1_000_000_000
+
+
+class DriftSettings(Settings, frozen=True):
+    """``[drift]``: when the autopilot's level velocity counts as wrong."""
+
+    correct: bool = True
+    """Fly on the corrected estimate; else it is named only."""
+    name_above_m_s: Speed = 0.12
+    clear_below_m_s: Speed = 0.06
+
+    def __post_init__(self) -> None:
+        if self.clear_below_m_s >= self.name_above_m_s:
+            raise ValueError(
+                f"clear_below_m_s must be below name_above_m_s, got {self.clear_below_m_s}"
+            )
+
+
+class Judgement(NamedTuple):
+    """What is to be told: an event where the verdict changed, a record where it was time."""
+
+    event: Event | None = None
+    record: Drift | None = None
+
+
+class DriftMonitor:
+    """Keeps the last verdict where the camera cannot see how it moves."""
+
+    def __init__(self, settings: DriftSettings) -> None:
+        self.settings = settings
+        self.named = False
+        self.n_named = 0
+        """How often it was found to drift."""
+        self._measured: deque[tuple[int, float, float]] = deque()
+        self._drift_ned_m_s = (0.0, 0.0)
+        self._walked_ned_m = (0.0, 0.0)
+        """Of the position's error, what was seen while it was named."""
+        self._walked_to_ns: int | None = None
+        self._recorded_ns: int | None = None
+
+    def corrected(self, telemetry: Telemetry, stamp_ns: int) -> Telemetry:
+        """Position and velocity without the drift; untouched before any was found."""
+        self._walk(stamp_ns)
+        if not self.n_named or not self.settings.correct:
+            return telemetry
+        (north, east), (v_north, v_east) = self._walked_ned_m, self._taken_out()
+        n, e, d = telemetry.position_ned_m
+        v_n, v_e, v_d = telemetry.velocity_ned_m_s
+        return msgspec.structs.replace(
+            telemetry,
+            position_ned_m=(n - north, e - east, d),
+            velocity_ned_m_s=(v_n - v_north, v_e - v_east, v_d),
+        )
+
+    def compensated(self, setpoint: Setpoint, yaw_rad: float) -> Setpoint:
+        """What the autopilot must be asked for, so that the vehicle does as ``setpoint`` says."""
+        if not self.named or not self.settings.correct:
+            return setpoint
+        ahead, right = hfrd_from_ned(*self._drift_ned_m_s, yaw_rad)
+        forward_m_s, right_m_s, down_m_s = setpoint.velocity_hfrd_m_s
+        return msgspec.structs.replace(
+            setpoint, velocity_hfrd_m_s=(forward_m_s + ahead, right_m_s + right, down_m_s)
+        )
+
+    def judge(self, stamp_ns: int, excess_ned_m_s: NDArray[np.float64] | None) -> Judgement:
+        """``excess_ned_m_s``: of one measurement (Odometry.observe), None where there is none."""
+        if excess_ned_m_s is None:
+            return Judgement()
+        self._measured.append((stamp_ns, float(excess_ned_m_s[0]), float(excess_ned_m_s[1])))
+        while stamp_ns - self._measured[0][0] > WINDOW_NS:
+            self._measured.popleft()
+        window = np.array(self._measured)[:, 1:]
+        middle = np.median(window, axis=0)
+        scatter_m_s = float(np.median(np.abs(window - middle), axis=0).max())
+        if len(window) < LEAST_MEASUREMENTS or scatter_m_s > MOST_SCATTER_M_S:
+            return Judgement()
+        self._drift_ned_m_s = float(middle[0]), float(middle[1])
+        return Judgement(self._name(stamp_ns), self._record(stamp_ns, len(window), scatter_m_s))
+
+    def _walk(self, stamp_ns: int) -> None:
+        """Adds up how far the position went astray since the last frame."""
+        before_ns, self._walked_to_ns = self._walked_to_ns, stamp_ns
+        if before_ns is None or not self.named:
+            return
+        passed_s = max(0.0, (stamp_ns - before_ns) * 1e-9)
+        (north, east), (v_north, v_east) = self._walked_ned_m, self._drift_ned_m_s
+        self._walked_ned_m = north + v_north * passed_s, east + v_east * passed_s
+
+    def _taken_out(self) -> tuple[float, float]:
+        return self._drift_ned_m_s if self.named else (0.0, 0.0)
+
+    def _name(self, stamp_ns: int) -> Event | None:
+        """An event where it begins or ends to drift."""
+        speed_m_s = math.hypot(*self._drift_ned_m_s)
+        settings = self.settings
+        limit_m_s = settings.clear_below_m_s if self.named else settings.name_above_m_s
+        if (speed_m_s > limit_m_s) is self.named:
+            return None
+        self.named = not self.named
+        if not self.named:
+            text = "estimator: velocity agrees with the camera again"
+            return Event(stamp_ns=stamp_ns, severity="info", text=text)
+        self.n_named += 1
+        north, east = self._drift_ned_m_s
+        bearing_deg = math.degrees(math.atan2(east, north)) % 360.0
+        done = "corrected" if settings.correct else "not corrected"
+        text = f"estimator: drifts by {speed_m_s:.2f} m/s towards {bearing_deg:03.0f} deg; {done}"
+        return Event(stamp_ns=stamp_ns, severity="warning", text=text)
+
+    def _record(self, stamp_ns: int, n_measured: int, scatter_m_s: float) -> Drift | None:
+        if self._recorded_ns is not None and stamp_ns - self._recorded_ns < RECORD_PERIOD_NS:
+            return None
+        self._recorded_ns = stamp_ns
+        return Drift(
+            stamp_ns=stamp_ns,
+            velocity_ned_m_s=self._drift_ned_m_s,
+            scatter_m_s=scatter_m_s,
+            measurements=n_measured,
+            named=self.named,
+            walked_ned_m=self._walked_ned_m,
+        )

@@ -1,0 +1,151 @@
+"""How fast the stereo camera itself saw the vehicle move, beside what the autopilot says of it.
+
+A point whose depth stereo knows moves across the image by the way the camera went; the turn, which
+gyroscopes know well, is taken out. The way that explains how most points moved is the camera's.
+"""
+
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.kernel.frames import Vector3
+from companion.kernel.messages import Telemetry
+from companion.lens import Floats, Grey, Lens, Points, grid_of, levelled
+from companion.stereo import Matches
+from companion.wayflown import WayFlown
+
+LEAST_APART_NS, MOST_APART_NS = 190_000_000, 450_000_000
+"""Of two pairs that are compared. Nearer ones show little but noise."""
+MOST_TURN_RAD = 0.3
+"""Further round, too little is seen twice."""
+SPACING_PX, MARGIN_PX, WINDOW_PX, LEVELS = 10, 8, 11, 0
+LEAST_TEXTURE = 3e-3
+"""Least eigenvalue of a window's gradients per pixel; below it a point cannot be followed."""
+LEAST_DISPARITY_PX = 0.7
+"""A point further away hardly moves."""
+LEAST_POINTS = 15
+ROUNDS = 4
+CONSISTENT_PX = 0.15
+"""Points that are off by less count fully; the scale where most fit better than that."""
+MOST_SCATTER_PX = 1.5
+"""Where half of the points are off by more, nothing can be said."""
+
+
+class _View(NamedTuple):
+    stamp_ns: int
+    image: Grey
+    points: Points
+    rays: Floats
+    inverse_depth_per_m: Floats
+    eye_ned_m: Floats
+    """Where the eye is, as the autopilot tells it."""
+    cam_from_ned: Floats
+
+
+class Odometry:
+    """Compares a pair with one a fifth of a second before."""
+
+    def __init__(self, lens: Lens, disparity_metre_px: float, eye_frd_m: Vector3) -> None:
+        """``lens``: of the rectified left image; ``eye_frd_m``: where that eye is mounted."""
+        self._lens = lens
+        self._eye_m: Floats = lens.cam_from_frd @ np.array(eye_frd_m)
+        self._disparity_metre_px = disparity_metre_px
+        self._way = WayFlown()
+        self._earlier: _View | None = None
+
+    def observe(self, matches: Matches, stamp_ns: int, telemetry: Telemetry) -> Floats | None:
+        """By how much the autopilot's velocity exceeds the camera's: (3,) NED, m/s.
+
+        None where it is too early to compare, or nothing can be said. To be called with every pair,
+        since the way flown in between is summed up here.
+        """
+        way_ned_m = self._way.advance(stamp_ns, telemetry)
+        earlier = self._earlier
+        if way_ned_m is None:
+            self._earlier = None
+            return None
+        apart_ns = stamp_ns - earlier.stamp_ns if earlier else MOST_APART_NS + 1
+        if apart_ns < LEAST_APART_NS:
+            return None
+        now = self._earlier = self._view(matches, stamp_ns, way_ned_m, telemetry)
+        if earlier is None or now is None or apart_ns > MOST_APART_NS:
+            return None
+        told_ned_m = now.eye_ned_m - earlier.eye_ned_m
+        seen_ned_m = self._compare(earlier, now, told_ned_m)
+        return None if seen_ned_m is None else (told_ned_m - seen_ned_m) / (apart_ns * 1e-9)
+
+    def _view(
+        self, matches: Matches, stamp_ns: int, way_ned_m: Floats, telemetry: Telemetry
+    ) -> _View | None:
+        """With the points that stereo knows the depth of; None without an attitude."""
+        cam_from_ned = self._lens.cam_from_ned(telemetry)
+        if not np.isfinite(cam_from_ned).all():
+            return None
+        height_px, width_px = matches.left.shape
+        points = grid_of(width_px, height_px, SPACING_PX, MARGIN_PX)
+        columns, rows = points.reshape(-1, 2).astype(np.intp).T
+        disparity_px = matches.disparity_px()[rows, columns]
+        known = disparity_px > LEAST_DISPARITY_PX  # False for NaN
+        points = points[known]
+        return _View(
+            stamp_ns,
+            levelled(matches.left),
+            points,
+            self._lens.rays_of(points) if len(points) else np.zeros((0, 3)),
+            (disparity_px[known] / self._disparity_metre_px).astype(np.float64),
+            way_ned_m + cam_from_ned.T @ self._eye_m,
+            cam_from_ned,
+        )
+
+    def _compare(self, earlier: _View, now: _View, told_ned_m: Floats) -> Floats | None:
+        """The way of the camera, NED; a point at ray r of unit depth is now at R r - t / depth."""
+        turn = now.cam_from_ned @ earlier.cam_from_ned.T
+        if len(earlier.points) < LEAST_POINTS or np.trace(turn) < 1.0 + 2.0 * np.cos(MOST_TURN_RAD):
+            return None
+        turned = earlier.rays @ turn.T
+        told_m = now.cam_from_ned @ told_ned_m
+        expected = self._lens.project(turned - np.outer(earlier.inverse_depth_per_m, told_m))
+        found, followed, _ = cv2.calcOpticalFlowPyrLK(
+            earlier.image, now.image, earlier.points, expected,
+            winSize=(WINDOW_PX, WINDOW_PX), maxLevel=LEVELS, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+            minEigThreshold=LEAST_TEXTURE,
+        )  # fmt: skip
+        good = (followed[:, 0] == 1) & _inside(np.asarray(found), now.image.shape)
+        if good.sum() < LEAST_POINTS:
+            return None
+        rays = self._lens.rays_of(np.asarray(found, dtype=np.float32)[good])
+        way_m = _way(turned[good], rays, earlier.inverse_depth_per_m[good], self._lens.focal_px)
+        return None if way_m is None else now.cam_from_ned.T @ way_m
+
+
+def _inside(points: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Whose whole window lies in the image."""
+    x, y = points.reshape(-1, 2).T
+    half_px, (height_px, width_px) = WINDOW_PX // 2, shape
+    return (x > half_px) & (y > half_px) & (x < width_px - half_px) & (y < height_px - half_px)
+
+
+def _way(turned: Floats, rays: Floats, inverse: Floats, focal_px: float) -> Floats | None:
+    """Least squares in which a point counts the less the further off it is (Huber).
+
+    Both rows of: x (Z - q t_z) = X - q t_x, with q the point's inverse depth before.
+    """
+    n_points = len(rays)
+    lever: Floats = np.zeros((3, 2 * n_points))
+    moved: Floats = np.zeros(2 * n_points)
+    for axis, rows in enumerate((slice(n_points), slice(n_points, None))):
+        lever[axis, rows] = focal_px * inverse
+        lever[2, rows] = -focal_px * inverse * rays[:, axis]
+        moved[rows] = focal_px * (turned[:, axis] - rays[:, axis] * turned[:, 2])
+    weight: Floats = np.ones(2 * n_points)
+    way_m: Floats = np.zeros(3)
+    for _ in range(ROUNDS):
+        weighed = lever * weight
+        normal = weighed @ lever.T
+        way_m[:] = np.linalg.solve(normal, weighed @ moved)
+        off_px = np.hypot(*(moved - way_m @ lever).reshape(2, -1))
+        scatter_px = float(np.partition(off_px, len(off_px) // 2)[len(off_px) // 2])
+        weight = np.tile(1.0 / np.maximum(1.0, off_px / max(scatter_px, CONSISTENT_PX)), 2)
+    return None if scatter_px > MOST_SCATTER_PX else way_m
