@@ -102,12 +102,16 @@ class World:
         self.landing_contacts = 0
         """Of the collisions, those while landing: no eye looks down."""
         self._pushed = self._near = False
+        self._landed = True
+        """When its motors turned last."""
         self.clearance_m = self._clearance()[0]
         self.minimum_clearance_m = math.inf
         """Smallest distance between hull and room in flight so far."""
         self.distance_flown_m = 0.0
         self.crashed: str | None = None
         """Why the flight ended in a crash, or None."""
+        self.fell = False
+        """The crash was a fall after landing: a hull that hangs on an edge slides off it."""
         if self.clearance_m <= 0.0:
             raise PlanError(
                 f"start.position_m: the hull reaches {-self.clearance_m:.2f} m into a wall; keep "
@@ -182,6 +186,8 @@ class World:
         state = self._read()
         self.surroundings.update(state)
         command = self.autopilot.update(state)
+        if command.spinning:
+            self._landed = not self.autopilot.airborne
         self.airframe.spin(command.spinning)
         self.airframe.command(*command.attitude)
 
@@ -232,6 +238,7 @@ class World:
         speed_m_s = approach_speed_m_s(normal, self._read().velocity_ned_m_s)
         if speed_m_s > CRASH_SPEED_M_S:
             self.crashed = f"hit {what} at {speed_m_s:.1f} m/s after {self.time_s:.2f} s"
+            self.fell = self._landed
             self.autopilot.terminate(self.crashed)
 
     def _capture(self) -> None:

@@ -119,7 +119,7 @@ def _outcome(simulation: Simulation, summary: Summary) -> Outcome:
     """After the vehicle was left alone for a minute."""
     world = simulation.world
     world.advance_to(world.time_s + ALONE_S)
-    if world.crashed is not None:
+    if world.crashed is not None and not world.fell:
         return Outcome.CRASHES
     if world.autopilot.status.armed:
         still = math.hypot(*world.truth.velocity_ned_m_s) < STILL_M_S
@@ -151,6 +151,7 @@ def _flown(
         lost_s=max(0.0, lost_s),
         reason=reason,
         landing_contacts=landing_contacts,
+        fell=world.fell if world else False,
     )
 
 

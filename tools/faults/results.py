@@ -26,6 +26,8 @@ class Flown(NamedTuple):
     reason: str = ""
     landing_contacts: int = 0
     """With furniture, on the way down; in lockstep they are not among the collisions."""
+    fell: bool = False
+    """Off furniture, once it had landed and stopped its motors; no crash of the flight."""
 
     @property
     def as_expected(self) -> bool:
@@ -39,6 +41,7 @@ class Flown(NamedTuple):
 COLUMNS = (
     "fault", "when", "expected", "flights", "as expected", "otherwise", "collisions", "fly-aways",
     "logs that lost more than 1 s", "touched furniture while landing",
+    "fell off it afterwards",
 )  # fmt: skip
 
 
@@ -66,5 +69,6 @@ def _line(flights: Sequence[Flown]) -> str:
         sum(flown.observed is Outcome.FLIES_AWAY for flown in flights),
         sum(flown.lost_s > MOST_LOST_S for flown in flights),
         sum(flown.landing_contacts > 0 for flown in flights),
+        sum(flown.fell for flown in flights),
     )
     return f"| {' | '.join(map(str, cells))} |"
