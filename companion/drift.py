@@ -21,7 +21,7 @@ from companion.kernel.settings import Settings
 Speed = Annotated[float, Meta(gt=0, le=2)]
 
 WINDOW_NS, LEAST_MEASUREMENTS = 3_000_000_000, 8
-MOST_SCATTER_M_S = 0.08
+MOST_SCATTER_M_S = 0.06
 """Median deviation from the median; beyond, camera and telemetry are out of step, not astray."""
 RECORD_PERIOD_NS = 1_000_000_000
 
