@@ -59,18 +59,23 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def race_s(
-    calls: Sequence[Callable[[], object]], rounds: int, warm_up: int = WARM_UP
+    calls: Sequence[Callable[[], object]], rounds: int, warm_up: int = WARM_UP, in_a_row: int = 1
 ) -> list[float]:
-    """Median seconds of each call; the calls take turns, so that all meet the same noise."""
+    """Median seconds of each call; the calls take turns, so that all meet the same noise.
+
+    ``in_a_row``: calls of one kind before the other's turn; with 1, each finds the caches full of
+    the other's data.
+    """
     for call in calls:
         for _ in range(warm_up):
             call()
     times_s: list[list[float]] = [[] for _ in calls]
     for _ in range(rounds):
         for call, taken_s in zip(calls, times_s, strict=True):
-            began_s = wall_s()
-            call()
-            taken_s.append(wall_s() - began_s)
+            for _ in range(in_a_row):
+                began_s = wall_s()
+                call()
+                taken_s.append(wall_s() - began_s)
     return [statistics.median(taken_s) for taken_s in times_s]
 
 
@@ -83,8 +88,9 @@ def race_row(
     goal: float | None = None,
     rounds: int = 300,
     warm_up: int = WARM_UP,
+    in_a_row: int = 1,
 ) -> Row:
-    """A row of two calls that do the same work."""
+    """A row of two calls that do the same work; see ``race_s``."""
     scale = {"ms": 1e3, "us": 1e6}[unit]
-    ours_s, theirs_s = race_s([call, baseline[1]], rounds, warm_up)
+    ours_s, theirs_s = race_s([call, baseline[1]], rounds, warm_up, in_a_row)
     return Row.of(name, ours_s * scale, unit, (baseline[0], theirs_s * scale), goal=goal)
