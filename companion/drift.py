@@ -12,11 +12,12 @@ from typing import Annotated, NamedTuple
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from companion.kernel.frames import hfrd_from_ned
 from companion.kernel.messages import Drift, Event, Setpoint, Telemetry
 from companion.kernel.settings import Settings
+from companion.lens import Floats
+from companion.odometry import Motion
 
 Speed = Annotated[float, Meta(gt=0, le=2)]
 
@@ -24,6 +25,9 @@ WINDOW_NS, LEAST_MEASUREMENTS = 3_000_000_000, 8
 MOST_SCATTER_M_S = 0.06
 """Median deviation from the median; beyond, camera and telemetry are out of step, not astray."""
 RECORD_PERIOD_NS = 1_000_000_000
+SLOW_M_S, FAST_M_S = 0.25, 0.3
+"""Below the one, stereo's scale hardly matters; above the other, it shows."""
+LEAST_RATIOS, MOST_RATIOS = 30, 300
 
 
 class DriftSettings(Settings, frozen=True):
@@ -48,6 +52,28 @@ class Judgement(NamedTuple):
     record: Drift | None = None
 
 
+class _Scale:
+    """By what share the camera's speed falls short of the autopilot's in flight ahead.
+
+    Focal length and baseline may be nominal, and that is no drift: it grows with the speed, and
+    turns with the vehicle.
+    """
+
+    def __init__(self) -> None:
+        self._ratios: deque[float] = deque(maxlen=MOST_RATIOS)
+
+    def learn(self, told: Floats, excess: Floats) -> None:
+        """Both (2,), level."""
+        if math.hypot(*told) > FAST_M_S:
+            self._ratios.append(float(excess @ told / (told @ told)))
+
+    def without(self, told: Floats, excess: Floats) -> Floats | None:
+        """``excess`` without the scale's share; None where that is unknown and matters."""
+        if len(self._ratios) >= LEAST_RATIOS:
+            return excess - float(np.median(self._ratios)) * told
+        return excess if math.hypot(*told) < SLOW_M_S else None
+
+
 class DriftMonitor:
     """Keeps the last verdict where the camera cannot see how it moves."""
 
@@ -56,6 +82,7 @@ class DriftMonitor:
         self.named = False
         self.n_named = 0
         """How often it was found to drift."""
+        self._scale = _Scale()
         self._measured: deque[tuple[int, float, float]] = deque()
         self._drift_ned_m_s = (0.0, 0.0)
         self._walked_ned_m = (0.0, 0.0)
@@ -87,11 +114,12 @@ class DriftMonitor:
             setpoint, velocity_hfrd_m_s=(forward_m_s + ahead, right_m_s + right, down_m_s)
         )
 
-    def judge(self, stamp_ns: int, excess_ned_m_s: NDArray[np.float64] | None) -> Judgement:
-        """``excess_ned_m_s``: of one measurement (Odometry.observe), None where there is none."""
-        if excess_ned_m_s is None:
+    def judge(self, stamp_ns: int, motion: Motion | None) -> Judgement:
+        """``motion``: by the autopilot and by the camera, None where nothing was measured."""
+        excess = None if motion is None else self._excess(motion)
+        if excess is None:
             return Judgement()
-        self._measured.append((stamp_ns, float(excess_ned_m_s[0]), float(excess_ned_m_s[1])))
+        self._measured.append((stamp_ns, float(excess[0]), float(excess[1])))
         while stamp_ns - self._measured[0][0] > WINDOW_NS:
             self._measured.popleft()
         window = np.array(self._measured)[:, 1:]
@@ -101,6 +129,14 @@ class DriftMonitor:
             return Judgement()
         self._drift_ned_m_s = float(middle[0]), float(middle[1])
         return Judgement(self._name(stamp_ns), self._record(stamp_ns, len(window), scatter_m_s))
+
+    def _excess(self, motion: Motion) -> Floats | None:
+        """Of the autopilot's level velocity, (2,); what is known to drift teaches no scale."""
+        told = motion.told_ned_m_s[:2]
+        excess = told - motion.seen_ned_m_s[:2]
+        drift = np.array(self._taken_out())
+        self._scale.learn(told - drift, excess - drift)
+        return self._scale.without(told - drift, excess)
 
     def _walk(self, stamp_ns: int) -> None:
         """Adds up how far the position went astray since the last frame."""

@@ -44,6 +44,13 @@ class _View(NamedTuple):
     cam_from_ned: Floats
 
 
+class Motion(NamedTuple):
+    """Between two pairs, by the autopilot and by the camera: (3,) NED, m/s each."""
+
+    told_ned_m_s: Floats
+    seen_ned_m_s: Floats
+
+
 class Odometry:
     """Compares a pair with one a fifth of a second before."""
 
@@ -55,8 +62,8 @@ class Odometry:
         self._way = WayFlown()
         self._earlier: _View | None = None
 
-    def observe(self, matches: Matches, stamp_ns: int, telemetry: Telemetry) -> Floats | None:
-        """By how much the autopilot's velocity exceeds the camera's: (3,) NED, m/s.
+    def observe(self, matches: Matches, stamp_ns: int, telemetry: Telemetry) -> Motion | None:
+        """How the left eye moved since the pair that was compared last.
 
         None where it is too early to compare, or nothing can be said. To be called with every pair,
         since the way flown in between is summed up here.
@@ -74,7 +81,10 @@ class Odometry:
             return None
         told_ned_m = now.eye_ned_m - earlier.eye_ned_m
         seen_ned_m = self._compare(earlier, now, told_ned_m)
-        return None if seen_ned_m is None else (told_ned_m - seen_ned_m) / (apart_ns * 1e-9)
+        if seen_ned_m is None:
+            return None
+        apart_s = apart_ns * 1e-9
+        return Motion(told_ned_m / apart_s, seen_ned_m / apart_s)
 
     def _view(
         self, matches: Matches, stamp_ns: int, way_ned_m: Floats, telemetry: Telemetry

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from companion.drift import DriftMonitor, DriftSettings
 from companion.kernel.frames import ned_from_hfrd
 from companion.kernel.messages import Setpoint, Telemetry
+from companion.odometry import Motion
 
 PERIOD_NS = 200_000_000
 TOLD = Telemetry(position_ned_m=(1.0, 2.0, -1.2), velocity_ned_m_s=(0.5, 0.0, 0.0), yaw_rad=0.0)
@@ -17,14 +18,18 @@ TOLD = Telemetry(position_ned_m=(1.0, 2.0, -1.2), velocity_ned_m_s=(0.5, 0.0, 0.
 speeds = st.floats(-0.5, 0.5)
 
 
-def watch(monitor, excess, n, begin=0, noise=0.0, seed=0):
-    """``n`` measurements from the ``begin``-th on; all that was said."""
+def watch(monitor, excess, n, begin=0, noise=0.0, seed=0, told=(0.0, 0.0), scale=1.0):
+    """``n`` measurements from the ``begin``-th on; all that was said.
+
+    ``told``: by the autopilot; ``scale``: the camera's idea of a metre.
+    """
     rng = np.random.default_rng(seed)
     said = []
     for number in range(begin, begin + n):
         monitor.corrected(TOLD, number * PERIOD_NS)
-        measured = np.array([*excess, 0.0]) + rng.normal(0.0, noise, 3)
-        said.append(monitor.judge(number * PERIOD_NS, measured))
+        truth = np.subtract([*told, 0.0], [*excess, 0.0])
+        seen = truth * scale + rng.normal(0.0, noise, 3)
+        said.append(monitor.judge(number * PERIOD_NS, Motion(np.array([*told, 0.0]), seen)))
     return said
 
 
@@ -78,6 +83,32 @@ def test_measurements_that_contradict_each_other_name_nothing():
     """So it is while the telemetry is late and the vehicle turns now and then."""
     monitor = DriftMonitor(DriftSettings())
     assert events(watch(monitor, (0.3, 0.0), 500, noise=0.5)) == []
+
+
+@pytest.mark.parametrize("scale", [0.6, 1.5])
+def test_a_camera_that_knows_its_scale_badly_names_no_drift(scale):
+    """A nominal calibration: what it is wrong by turns with the vehicle."""
+    monitor = DriftMonitor(DriftSettings())
+    headings = np.radians([0.0, 100.0, 220.0, 330.0])
+    for leg, heading in enumerate(headings):
+        told = 0.5 * np.array([math.cos(heading), math.sin(heading)])
+        fields = {"noise": 0.03, "scale": scale, "seed": leg}
+        assert events(watch(monitor, (0.0, 0.0), 40, begin=60 * leg, told=told, **fields)) == []
+        assert events(watch(monitor, (0.0, 0.0), 20, begin=60 * leg + 40, **fields)) == []
+
+
+def test_such_a_camera_finds_a_drift_even_so():
+    monitor = DriftMonitor(DriftSettings())
+    ahead = {"told": (0.5, 0.0), "noise": 0.03, "scale": 0.8}
+    watch(monitor, (0.0, 0.0), 50, **ahead)
+    assert len(events(watch(monitor, (0.0, 0.2), 15, begin=50, **ahead))) == 1
+
+
+def test_a_drift_from_the_start_is_found_when_the_vehicle_stands():
+    """In flight ahead it might be the camera's scale."""
+    monitor = DriftMonitor(DriftSettings())
+    assert events(watch(monitor, (0.2, 0.0), 20, told=(0.5, 0.0))) == []
+    assert len(events(watch(monitor, (0.2, 0.0), 15, begin=20))) == 1
 
 
 def test_a_blind_camera_keeps_the_verdict():
