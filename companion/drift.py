@@ -6,7 +6,9 @@ that (companion.odometry). What is named is taken out of the telemetry, and adde
 """
 
 import math
+import statistics
 from collections import deque
+from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 import msgspec
@@ -28,6 +30,7 @@ RECORD_PERIOD_NS = 1_000_000_000
 SLOW_M_S, FAST_M_S = 0.25, 0.3
 """Below the one, stereo's scale hardly matters; above the other, it shows."""
 LEAST_RATIOS, MOST_RATIOS = 30, 300
+RENEWED_EVERY = 10
 
 
 class DriftSettings(Settings, frozen=True):
@@ -61,17 +64,22 @@ class _Scale:
 
     def __init__(self) -> None:
         self._ratios: deque[float] = deque(maxlen=MOST_RATIOS)
+        self._n_learned = 0
+        self._share = math.nan
 
     def learn(self, told: Floats, excess: Floats) -> None:
         """Both (2,), level."""
         if math.hypot(*told) > FAST_M_S:
             self._ratios.append(float(excess @ told / (told @ told)))
+            self._n_learned += 1
+            if self._n_learned >= LEAST_RATIOS and self._n_learned % RENEWED_EVERY == 0:
+                self._share = statistics.median(self._ratios)
 
     def without(self, told: Floats, excess: Floats) -> Floats | None:
         """``excess`` without the scale's share; None where that is unknown and matters."""
-        if len(self._ratios) >= LEAST_RATIOS:
-            return excess - float(np.median(self._ratios)) * told
-        return excess if math.hypot(*told) < SLOW_M_S else None
+        if math.isnan(self._share):
+            return excess if math.hypot(*told) < SLOW_M_S else None
+        return excess - self._share * told
 
 
 class DriftMonitor:
@@ -122,13 +130,14 @@ class DriftMonitor:
         self._measured.append((stamp_ns, float(excess[0]), float(excess[1])))
         while stamp_ns - self._measured[0][0] > WINDOW_NS:
             self._measured.popleft()
-        window = np.array(self._measured)[:, 1:]
-        middle = np.median(window, axis=0)
-        scatter_m_s = float(np.median(np.abs(window - middle), axis=0).max())
-        if len(window) < LEAST_MEASUREMENTS or scatter_m_s > MOST_SCATTER_M_S:
+        _, north, east = zip(*self._measured, strict=True)
+        drift = statistics.median(north), statistics.median(east)
+        scatter_m_s = max(_scatter(north, drift[0]), _scatter(east, drift[1]))
+        n_measured = len(self._measured)
+        if n_measured < LEAST_MEASUREMENTS or scatter_m_s > MOST_SCATTER_M_S:
             return Judgement()
-        self._drift_ned_m_s = float(middle[0]), float(middle[1])
-        return Judgement(self._name(stamp_ns), self._record(stamp_ns, len(window), scatter_m_s))
+        self._drift_ned_m_s = drift
+        return Judgement(self._name(stamp_ns), self._record(stamp_ns, n_measured, scatter_m_s))
 
     def _excess(self, motion: Motion) -> Floats | None:
         """Of the autopilot's level velocity, (2,); what is known to drift teaches no scale."""
@@ -180,3 +189,8 @@ class DriftMonitor:
             named=self.named,
             walked_ned_m=self._walked_ned_m,
         )
+
+
+def _scatter(values: Sequence[float], middle: float) -> float:
+    """Median deviation."""
+    return statistics.median(abs(value - middle) for value in values)

@@ -20,13 +20,13 @@ LEAST_APART_NS, MOST_APART_NS = 190_000_000, 450_000_000
 """Of two pairs that are compared. Nearer ones show little but noise."""
 MOST_TURN_RAD = 0.3
 """Further round, too little is seen twice."""
-SPACING_PX, MARGIN_PX, WINDOW_PX, LEVELS = 10, 8, 11, 0
+SPACING_PX, MARGIN_PX, WINDOW_PX, LEVELS = 12, 8, 11, 0
 LEAST_TEXTURE = 3e-3
 """Least eigenvalue of a window's gradients per pixel; below it a point cannot be followed."""
 LEAST_DISPARITY_PX = 0.7
 """A point further away hardly moves."""
 LEAST_POINTS = 15
-ROUNDS = 4
+ROUNDS = 3
 CONSISTENT_PX = 0.15
 """Points that are off by less count fully; the scale where most fit better than that."""
 MOST_SCATTER_PX = 1.5
@@ -54,9 +54,19 @@ class Motion(NamedTuple):
 class Odometry:
     """Compares a pair with one a fifth of a second before."""
 
-    def __init__(self, lens: Lens, disparity_metre_px: float, eye_frd_m: Vector3) -> None:
-        """``lens``: of the rectified left image; ``eye_frd_m``: where that eye is mounted."""
+    def __init__(
+        self,
+        lens: Lens,
+        size_px: tuple[int, int],
+        disparity_metre_px: float,
+        eye_frd_m: Vector3,
+    ) -> None:
+        """``lens``: of the rectified left image, ``size_px`` its width and height; ``eye_frd_m``:
+        where that eye is mounted."""
         self._lens = lens
+        self._points = grid_of(*size_px, SPACING_PX, MARGIN_PX)
+        self._columns, self._rows = self._points.reshape(-1, 2).astype(np.intp).T
+        self._rays = lens.rays_of(self._points)
         self._eye_m: Floats = lens.cam_from_frd @ np.array(eye_frd_m)
         self._disparity_metre_px = disparity_metre_px
         self._way = WayFlown()
@@ -93,17 +103,13 @@ class Odometry:
         cam_from_ned = self._lens.cam_from_ned(telemetry)
         if not np.isfinite(cam_from_ned).all():
             return None
-        height_px, width_px = matches.left.shape
-        points = grid_of(width_px, height_px, SPACING_PX, MARGIN_PX)
-        columns, rows = points.reshape(-1, 2).astype(np.intp).T
-        disparity_px = matches.disparity_px()[rows, columns]
+        disparity_px = matches.disparity_at_px(self._rows, self._columns)
         known = disparity_px > LEAST_DISPARITY_PX  # False for NaN
-        points = points[known]
         return _View(
             stamp_ns,
             levelled(matches.left),
-            points,
-            self._lens.rays_of(points) if len(points) else np.zeros((0, 3)),
+            self._points[known],
+            self._rays[known],
             (disparity_px[known] / self._disparity_metre_px).astype(np.float64),
             way_ned_m + cam_from_ned.T @ self._eye_m,
             cam_from_ned,

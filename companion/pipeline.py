@@ -89,7 +89,10 @@ class Pipeline:
         self.drift = DriftMonitor(plan.drift)
         ahead_m, right_m, down_m = plan.camera.mount_frd_m
         left_eye_m = ahead_m, right_m - calibration.baseline_m / 2.0, down_m
-        self._odometry = Odometry(self.matcher.lens, self.matcher.disparity_metre_px, left_eye_m)
+        size_px = calibration.width_px, calibration.height_px
+        self._odometry = Odometry(
+            self.matcher.lens, size_px, self.matcher.disparity_metre_px, left_eye_m
+        )
         self.trust_history = TrustHistory()
         self.phase = Phase.INITIAL
         self.flown_s = 0.0

@@ -85,11 +85,19 @@ class Matches(NamedTuple):
 
     def disparity_px(self) -> NDArray[np.float32]:
         """(height, width), NaN where unmatched; infinity has 0."""
-        column = np.arange(self.sixteenths.shape[1]) * SUBPIXELS
-        least = np.maximum(self.least_px * SUBPIXELS, column - column[-1])
-        valid = (self.sixteenths >= least) & (self.sixteenths <= column)
-        disparity_px = (self.sixteenths / SUBPIXELS - self.infinity_px).astype(np.float32)
-        disparity_px[~valid] = np.nan
+        return self.disparity_at_px(np.s_[:], np.arange(self.sixteenths.shape[1]))
+
+    def disparity_at_px(
+        self, rows: NDArray[np.intp] | slice, columns: NDArray[np.intp]
+    ) -> NDArray[np.float32]:
+        """The same at some pixels of the left image."""
+        raw = self.sixteenths[rows, columns]
+        most = columns * SUBPIXELS
+        least = np.maximum(
+            self.least_px * SUBPIXELS, most - (self.sixteenths.shape[1] - 1) * SUBPIXELS
+        )
+        disparity_px = (raw / SUBPIXELS - self.infinity_px).astype(np.float32)
+        disparity_px[(raw < least) | (raw > most)] = np.nan
         return disparity_px
 
 

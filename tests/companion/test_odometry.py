@@ -16,6 +16,7 @@ from sitl.arena.room import load_room
 ROOMS = Path(__file__).parents[2] / "flightplans" / "rooms"
 RATE_HZ, FRAMES = 10.0, 20
 MOUNT_M = 0.1
+SIZE_PX = 128, 96
 LENS = (-0.25, 0.08, 0.001, -0.001)
 
 
@@ -32,7 +33,7 @@ def excesses(
     """What is measured in 2 s of flight in room 1; ``told``: more fields of every telemetry."""
     matcher = StereoMatcher(StereoSettings(), model.calibration)
     left_eye_m = MOUNT_M, -model.calibration.baseline_m / 2.0, 0.0
-    odometry = Odometry(matcher.lens, matcher.disparity_metre_px, left_eye_m)
+    odometry = Odometry(matcher.lens, SIZE_PX, matcher.disparity_metre_px, left_eye_m)
     found = []
     for number in range(FRAMES):
         time_s = number / RATE_HZ
@@ -92,7 +93,7 @@ def test_nothing_is_said_without_the_autopilots_estimate(unknown):
 def test_a_wall_without_texture_says_nothing():
     model = camera()
     matcher = StereoMatcher(StereoSettings(), model.calibration)
-    odometry = Odometry(matcher.lens, matcher.disparity_metre_px, (0.0, 0.0, 0.0))
+    odometry = Odometry(matcher.lens, SIZE_PX, matcher.disparity_metre_px, (0.0, 0.0, 0.0))
     plain = np.full((model.calibration.height_px, model.calibration.width_px), 90, np.uint8)
     still = Telemetry(velocity_ned_m_s=(0.0,) * 3, roll_rad=0.0, pitch_rad=0.0, yaw_rad=0.0)
     matcher.match(plain, plain)
@@ -103,7 +104,7 @@ def test_a_wall_without_texture_says_nothing():
 def test_time_that_runs_backwards_begins_anew():
     model = camera()
     matcher = StereoMatcher(StereoSettings(), model.calibration)
-    odometry = Odometry(matcher.lens, matcher.disparity_metre_px, (MOUNT_M, 0.0, 0.0))
+    odometry = Odometry(matcher.lens, SIZE_PX, matcher.disparity_metre_px, (MOUNT_M, 0.0, 0.0))
     still = Telemetry(velocity_ned_m_s=(0.0,) * 3, roll_rad=0.0, pitch_rad=0.0, yaw_rad=0.0)
     frame = model.render((-0.5, 0.0, -1.2), np.eye(3), 0)
     matcher.match(frame.left, frame.right)

@@ -15,6 +15,7 @@ from sitl.arena.room import load_room
 from tools.bench.harness import PLAN, Row, race_row
 
 PAIRS, RATE_HZ, SPEED_M_S = 20, 10.0, 0.5
+SIZE_PX = 128, 96
 APART = 2
 """Pairs between those that are compared, in flight as here."""
 SEED = 1
@@ -29,7 +30,7 @@ def rows() -> Iterator[Row]:
     telemetry = Telemetry(
         velocity_ned_m_s=(SPEED_M_S, 0.0, 0.0), roll_rad=0.0, pitch_rad=0.0, yaw_rad=0.0
     )
-    odometry = Odometry(matcher.lens, matcher.disparity_metre_px, (0.0, 0.0, 0.0))
+    odometry = Odometry(matcher.lens, SIZE_PX, matcher.disparity_metre_px, (0.0, 0.0, 0.0))
     stamps = cycle(range(0, 10**15, round(1e9 / RATE_HZ)))
     ours = cycle(pairs)
     theirs = cycle(zip(pairs[:-APART:APART], pairs[APART::APART], strict=True))
@@ -40,7 +41,7 @@ def rows() -> Iterator[Row]:
             odometry.observe(next(ours), next(stamps), telemetry)
 
     yield race_row(
-        "odometry: two pairs to an error of the velocity",
+        "odometry: two pairs to a velocity",
         observe,
         ("OpenCV corners, flow and PnP", lambda: poser.pose(*next(theirs))),
         goal=0.6,
