@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.compiled import kernel
 from companion.kernel.frames import Vector3
 from companion.kernel.messages import Telemetry
 from companion.lens import Floats, Grey, Lens, Points, grid_of, levelled
@@ -132,8 +133,9 @@ class Odometry:
         if good.sum() < LEAST_POINTS:
             return None
         rays = self._lens.rays_of(np.asarray(found, dtype=np.float32)[good])
-        way_m = _way(turned[good], rays, earlier.inverse_depth_per_m[good], self._lens.focal_px)
-        return None if way_m is None else now.cam_from_ned.T @ way_m
+        inverse_per_m = earlier.inverse_depth_per_m[good]
+        way_m, scatter_px = _way(turned[good], rays, inverse_per_m, self._lens.focal_px)
+        return None if scatter_px > MOST_SCATTER_PX else now.cam_from_ned.T @ way_m
 
 
 def _inside(points: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -143,25 +145,46 @@ def _inside(points: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
     return (x > half_px) & (y > half_px) & (x < width_px - half_px) & (y < height_px - half_px)
 
 
-def _way(turned: Floats, rays: Floats, inverse: Floats, focal_px: float) -> Floats | None:
+# The signature is given so that it is compiled, or read from the cache, before take-off.
+@kernel("Tuple((f8[::1], f8))(f8[:,::1], f8[:,::1], f8[::1], f8)")
+def _way(turned: Floats, rays: Floats, inverse: Floats, focal_px: float) -> tuple[Floats, float]:
     """Least squares in which a point counts the less the further off it is (Huber).
 
-    Both rows of: x (Z - q t_z) = X - q t_x, with q the point's inverse depth before.
+    turned, rays: (n, 3), inverse: (n,). Both rows of: x (Z - q t_z) = X - q t_x, with q the
+    point's inverse depth before. Returns the way (3,), and by how many pixels half of the points
+    are off at most.
     """
     n_points = len(rays)
-    lever: Floats = np.zeros((3, 2 * n_points))
-    moved: Floats = np.zeros(2 * n_points)
-    for axis, rows in enumerate((slice(n_points), slice(n_points, None))):
-        lever[axis, rows] = focal_px * inverse
-        lever[2, rows] = -focal_px * inverse * rays[:, axis]
-        moved[rows] = focal_px * (turned[:, axis] - rays[:, axis] * turned[:, 2])
-    weight: Floats = np.ones(2 * n_points)
-    way_m: Floats = np.zeros(3)
+    weight = np.ones(n_points)
+    off_px = np.empty(n_points)
+    way_m = np.zeros(3)
+    scatter_px = np.inf
     for _ in range(ROUNDS):
-        weighed = lever * weight
-        normal = weighed @ lever.T
-        way_m[:] = np.linalg.solve(normal, weighed @ moved)
-        off_px = np.hypot(*(moved - way_m @ lever).reshape(2, -1))
-        scatter_px = float(np.partition(off_px, len(off_px) // 2)[len(off_px) // 2])
-        weight = np.tile(1.0 / np.maximum(1.0, off_px / max(scatter_px, CONSISTENT_PX)), 2)
-    return None if scatter_px > MOST_SCATTER_PX else way_m
+        # Of the symmetric normal equations only t_x with t_y is nowhere coupled.
+        level, x_ahead, y_ahead, ahead = 0.0, 0.0, 0.0, 0.0
+        moved = np.zeros(3)
+        for point in range(n_points):
+            x, y = rays[point, 0], rays[point, 1]
+            right = turned[point, 0] - x * turned[point, 2]
+            down = turned[point, 1] - y * turned[point, 2]
+            lever = weight[point] * inverse[point]
+            square = lever * inverse[point]
+            level += square
+            x_ahead -= square * x
+            y_ahead -= square * y
+            ahead += square * (x * x + y * y)
+            moved[0] += lever * right
+            moved[1] += lever * down
+            moved[2] -= lever * (x * right + y * down)
+        rest = ahead - (x_ahead * x_ahead + y_ahead * y_ahead) / level
+        way_m[2] = (moved[2] - (x_ahead * moved[0] + y_ahead * moved[1]) / level) / rest
+        way_m[0] = (moved[0] - x_ahead * way_m[2]) / level
+        way_m[1] = (moved[1] - y_ahead * way_m[2]) / level
+        for point in range(n_points):
+            x, y, q = rays[point, 0], rays[point, 1], inverse[point]
+            right = turned[point, 0] - q * way_m[0] - x * (turned[point, 2] - q * way_m[2])
+            down = turned[point, 1] - q * way_m[1] - y * (turned[point, 2] - q * way_m[2])
+            off_px[point] = focal_px * np.sqrt(right * right + down * down)
+        scatter_px = np.sort(off_px)[n_points // 2]
+        weight = 1.0 / np.maximum(1.0, off_px / max(scatter_px, CONSISTENT_PX))
+    return way_m, scatter_px
