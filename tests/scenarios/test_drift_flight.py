@@ -43,3 +43,14 @@ def test_the_same_flight_uncorrected_ends_early_or_at_a_wall(tmp_path):
     told_only = fly_in_lockstep(PLAN, [*PHASES, FAULT, "drift.correct=false"], tmp_path)
     summary = told_only.summary
     assert summary.outcome == "failed" or summary.collisions > 0
+
+
+def test_a_healthy_flight_is_not_touched(tmp_path):
+    flights = [
+        fly_in_lockstep(PLAN, [*PHASES, f"drift.correct={correct}"], tmp_path / correct)
+        for correct in ("true", "false")
+    ]
+    for flown in flights:
+        assert not any(e.text.startswith("estimator:") for e in flown.log.read("/event", Event))
+    asked = [flown.log.columns("/setpoint")["velocity_hfrd_m_s"] for flown in flights]
+    assert np.array_equal(*asked)
