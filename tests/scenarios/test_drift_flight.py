@@ -45,9 +45,9 @@ def test_the_same_flight_uncorrected_ends_early_or_at_a_wall(tmp_path):
     assert summary.outcome == "failed" or summary.collisions > 0
 
 
-def test_a_healthy_flight_is_not_touched(tmp_path):
+def test_a_healthy_flight_is_not_touched(tmp_path_factory):
     flights = [
-        fly_in_lockstep(PLAN, [*PHASES, f"drift.correct={correct}"], tmp_path / correct)
+        fly_in_lockstep(PLAN, [*PHASES, f"drift.correct={correct}"], tmp_path_factory.mktemp("x"))
         for correct in ("true", "false")
     ]
     for flown in flights:
