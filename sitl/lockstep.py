@@ -167,15 +167,17 @@ class LockstepVehicle(_Opened):
         self.link.send(setpoint)
 
     async def hold(self) -> None:
-        self.link.rest()
+        self.link.stand_still()
         await self._ask(lambda: self._autopilot.set_mode(FlightMode.HOLD), "hold")
+        self.link.rest()
         await self._run_until_mode(FlightMode.HOLD)
 
     async def land(self) -> None:
         if not self.telemetry().armed:
             return
-        self.link.rest()
+        self.link.stand_still()
         await self._ask(self._autopilot.land, "land")
+        self.link.rest()
         await self._run_until(lambda now: not now.armed, LAND_LIMIT_S, "disarmed")
 
     async def _start_offboard(self) -> None:

@@ -65,6 +65,11 @@ class LockstepLink:
         else:
             self._deliver(setpoint)
 
+    def stand_still(self) -> None:
+        """As the companion's adapter does before it asks for another mode."""
+        if self._setpoint is not None:
+            self.send(Setpoint(stamp_ns=self._setpoint.stamp_ns))
+
     def rest(self) -> None:
         """Another mode was commanded: no setpoint is repeated any more."""
         self._setpoint = None

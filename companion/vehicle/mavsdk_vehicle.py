@@ -9,7 +9,7 @@ import logging
 import math
 from collections.abc import Callable
 from types import TracebackType
-from typing import ParamSpec, Self
+from typing import Self
 
 import mavsdk.logging
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk, MavsdkConnectionError
@@ -25,6 +25,7 @@ from companion.kernel.errors import CompanionError, LinkError, VehicleError
 from companion.kernel.messages import Event, FlightMode, Setpoint, Telemetry
 from companion.kernel.settings import Settings
 from companion.vehicle.deadman import Deadman, DeadmanSettings, Stage
+from companion.vehicle.requests import Requests
 from companion.vehicle.slots import TelemetrySlots
 from companion.vehicle.states import hovers, is_disarmed, left_the_ground
 
@@ -38,8 +39,6 @@ TEXT_LENGTH = 49
 """Characters that one STATUSTEXT holds; from 50 on MAVSDK sends a second one."""
 ARMED_LAG_S = 2.0
 """`armed` comes with heartbeats at 1 Hz; for this long after arming, a "no" may be old."""
-
-_P = ParamSpec("_P")
 
 _GONE = {"NO_SYSTEM", "CONNECTION_ERROR", "TIMEOUT"}
 _LOG_LEVELS = (logging.DEBUG, logging.DEBUG, logging.WARNING, logging.ERROR)
@@ -67,6 +66,7 @@ class MavsdkVehicle:
         self._clock = clock
         self._settings = settings or MavsdkSettings()
         self._slots = TelemetrySlots()
+        self._requests = Requests()
         self._armed_stamp_ns = -math.inf
 
     async def __aenter__(self) -> Self:
@@ -76,7 +76,7 @@ class MavsdkVehicle:
         try:
             await self._connect()
         except BaseException:
-            await asyncio.to_thread(self._mavsdk.destroy)
+            await asyncio.to_thread(self._close)
             raise
         self._deadman = Deadman(
             _Emergency(self._action, self._offboard), self._clock, self._settings.deadman
@@ -91,7 +91,7 @@ class MavsdkVehicle:
         traceback: TracebackType | None,
     ) -> None:
         await asyncio.to_thread(self._deadman.close)
-        await asyncio.to_thread(self._mavsdk.destroy)
+        await asyncio.to_thread(self._close)
 
     def telemetry(self) -> Telemetry:
         """Raises LinkError once the link has been silent for too long."""
@@ -103,7 +103,7 @@ class MavsdkVehicle:
         began_ns = self.telemetry().stamp_ns
         while True:
             try:
-                await _ask("arm", self._action.arm)
+                await self._ask("arm", self._action.arm)
                 break
             except VehicleError as error:
                 if (self.telemetry().stamp_ns - began_ns) * 1e-9 > self._settings.ready_limit_s:
@@ -113,11 +113,11 @@ class MavsdkVehicle:
         self._armed_stamp_ns = self.telemetry().stamp_ns
 
     async def take_off(self, height_m: float) -> None:
-        await _ask("set the take-off height", self._action.set_takeoff_altitude, height_m)
+        await self._ask("set the take-off height", self._action.set_takeoff_altitude, height_m)
         await self.arm()
         before = self.telemetry()
         try:
-            await _ask("take off", self._action.takeoff)
+            await self._ask("take off", self._action.takeoff)
         except VehicleError:
             if not left_the_ground(before, self.telemetry()):
                 raise  # else only its answer got lost, and asking again was vain
@@ -147,13 +147,14 @@ class MavsdkVehicle:
         kind = StatusTextType.__members__.get(event.severity.upper(), StatusTextType.INFO)
         text = event.text.encode("ascii", "replace")[:TEXT_LENGTH]
         try:
-            await _ask("send a text", self._texts.send_status_text, kind, text)
+            await self._ask("send a text", self._texts.send_status_text, kind, text)
         except CompanionError as error:
             logger.warning("%s", error)
 
     async def hold(self) -> None:
         self._check_link()
-        await _ask("hold", self._action.hold)
+        self._stand_still()
+        await self._ask("hold", self._action.hold)
         self._deadman.rest()
         await self._confirm_mode(FlightMode.HOLD)
 
@@ -161,12 +162,22 @@ class MavsdkVehicle:
         now = self.telemetry()
         if not now.armed and (now.stamp_ns - self._armed_stamp_ns) * 1e-9 > ARMED_LAG_S:
             return
-        await _ask("land", self._action.land)
+        self._stand_still()
+        await self._ask("land", self._action.land)
         self._deadman.rest()
         await self._confirm("disarmed", is_disarmed, self._settings.land_limit_s)
 
+    def _stand_still(self) -> None:
+        """What MAVSDK repeats until the autopilot has changed its mode, however late it hears."""
+        if Stage.WATCHING <= self._deadman.stage <= Stage.STOPPED:
+            self._put(Setpoint(stamp_ns=self._slots.telemetry().stamp_ns))
+
+    def _close(self) -> None:
+        self._requests.close()
+        self._mavsdk.destroy()
+
     async def _start_offboard(self, setpoint: Setpoint) -> None:
-        await _ask("start offboard", self._offboard.start)
+        await self._ask("start offboard", self._offboard.start)
         await self._confirm_mode(FlightMode.OFFBOARD, lambda: self._put(setpoint))
 
     async def _connect(self) -> None:
@@ -184,7 +195,7 @@ class MavsdkVehicle:
         self._texts = ServerUtility(system._system)
         self._slots.subscribe(self._plugin)
         rate_hz = self._settings.telemetry_rate_hz
-        await _ask("set the odometry's rate", self._plugin.set_rate_odometry, rate_hz)
+        await self._ask("set the odometry's rate", self._plugin.set_rate_odometry, rate_hz)
         deadline_s = wall_s() + limit_s
         while not self._slots.complete:
             if wall_s() > deadline_s:
@@ -199,11 +210,16 @@ class MavsdkVehicle:
     def _put(self, setpoint: Setpoint) -> None:
         try:
             turn_deg_s = math.degrees(setpoint.yaw_rate_rad_s)
-            wanted = VelocityBodyYawspeed(*setpoint.velocity_hfrd_m_s, turn_deg_s)
-            self._offboard.set_velocity_body(wanted)
+            velocity = VelocityBodyYawspeed(*setpoint.velocity_hfrd_m_s, turn_deg_s)
+            self._offboard.set_velocity_body(velocity)
         except OffboardError as error:
             raise LinkError(f"{self._url}: cannot send a setpoint: {_reason(error)}") from error
         self._deadman.feed()
+
+    async def _ask(self, what: str, request: Callable[..., object], *arguments: object) -> None:
+        """Raises LinkError when no answer comes however often."""
+        call = functools.partial(_call, what, request, *arguments)
+        await attempt(ASKED_TIMES, LinkError, lambda: self._requests.make(call))
 
     async def _confirm_mode(
         self, mode: FlightMode, meanwhile: Callable[[], None] | None = None
@@ -251,22 +267,9 @@ class _Emergency:
         _call("land", self._action.land)
 
 
-async def _ask(
-    what: str, request: Callable[_P, object], *arguments: _P.args, **named: _P.kwargs
-) -> None:
-    """A blocking request, on a thread. Raises LinkError when no answer comes however often."""
-
-    def call() -> None:
-        _call(what, request, *arguments, **named)
-
-    await attempt(ASKED_TIMES, LinkError, lambda: asyncio.to_thread(call))
-
-
-def _call(
-    what: str, request: Callable[_P, object], *arguments: _P.args, **named: _P.kwargs
-) -> None:
+def _call(what: str, request: Callable[..., object], *arguments: object) -> None:
     try:
-        request(*arguments, **named)
+        request(*arguments)
     except (ActionError, OffboardError, ServerUtilityError, TelemetryError) as error:
         if error.result.name in _GONE:
             raise LinkError(f"{what}: no answer from the autopilot ({_reason(error)})") from error

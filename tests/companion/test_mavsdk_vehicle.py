@@ -5,11 +5,13 @@ import itertools
 import math
 import socket
 import sys
+import threading
 from asyncio.subprocess import PIPE
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from companion.camera.remote import RemoteCamera
 from companion.kernel.clock import WallClock, wall_s
@@ -127,6 +129,96 @@ def test_a_killed_simulator_is_a_lost_link():
     expected = r"^udpin://.*: nothing from the autopilot for \d\.\d s$"
     with reserved_mavlink_port() as port, pytest.raises(LinkError, match=expected):
         asyncio.run(run(f"127.0.0.1:{port}"))
+
+
+class DeafTo(asyncio.DatagramProtocol):
+    """Carries datagrams between a vehicle and its client; commands of one kind are lost."""
+
+    def __init__(self, client):
+        self.client, self._vehicle = client, None
+        self._parser = mavlink.MAVLink(None)
+        self.lost_command = self.lost = 0
+
+    def connection_made(self, transport):
+        self._transport = transport
+
+    def datagram_received(self, data, sender):
+        if sender != self.client:
+            self._vehicle = sender
+            self._transport.sendto(data, self.client)
+        elif not self._is_lost(data):
+            self._transport.sendto(data, self._vehicle)
+
+    def _is_lost(self, data):
+        messages = self._parser.parse_buffer(data) or []
+        lost = any(getattr(m, "command", None) == self.lost_command for m in messages)
+        self.lost += lost
+        return lost
+
+
+@asynccontextmanager
+async def flying_behind(lossy):
+    """An open vehicle in offboard mode at 0.4 m/s, behind DeafTo, whose deadman never acts."""
+    words = [sys.executable, "-m", "sitl", "run", str(ROOM), "--speed", str(SPEED)]
+    words += ["--camera", "tcp://127.0.0.1:0", "--mavlink"]
+    never = DeadmanSettings(stop_after_s=1e3, hold_after_s=1e3, land_after_s=1e3, exit_after_s=60.0)
+    loop = asyncio.get_running_loop()
+    relay, _ = await loop.create_datagram_endpoint(lambda: lossy, local_addr=("127.0.0.1", 0))
+    address = "udpout://{}:{}".format(*relay.get_extra_info("sockname"))
+    process = await asyncio.create_subprocess_exec(*words, address, stdout=PIPE)
+    try:
+        assert b"ready" in await process.stdout.readline()
+        clock, limits = WallClock(SPEED), MavsdkSettings(deadman=never)
+        async with MavsdkVehicle("udpin://{}:{}".format(*lossy.client), clock, limits) as vehicle:
+            await vehicle.take_off(1.0)
+            await vehicle.start_offboard(Setpoint(stamp_ns=0))
+            await fly(vehicle, clock, 1.0, velocity_hfrd_m_s=(0.4, 0.0, 0.0))
+            yield vehicle, clock
+    finally:
+        process.kill()
+        await process.wait()
+        relay.close()
+
+
+@pytest.mark.parametrize(
+    ("verb", "command"),
+    [("hold", mavlink.MAV_CMD_DO_SET_MODE), ("land", mavlink.MAV_CMD_NAV_LAND)],
+)
+def test_it_stands_still_while_the_autopilot_does_not_hear_its_command(verb, command):
+    """MAVSDK repeats a command each half second and the last setpoint twenty times a second."""
+
+    async def run(port):
+        lossy = DeafTo(("127.0.0.1", port))
+        async with flying_behind(lossy) as (vehicle, clock):
+            lossy.lost_command = command
+            began_ned_m = vehicle.telemetry().position_ned_m
+            asked = asyncio.create_task(getattr(vehicle, verb)())
+            while lossy.lost < 2:  # half a second of wall time, five of the vehicle's
+                await clock.sleep(0.1)
+            assert vehicle.telemetry().flight_mode is FlightMode.OFFBOARD
+            assert math.dist(vehicle.telemetry().position_ned_m, began_ned_m) < 0.6
+            lossy.lost_command = 0
+            await asked
+
+    with reserved_mavlink_port() as port:
+        asyncio.run(run(port))
+
+
+def test_it_can_be_closed_while_a_command_is_on_its_way():
+    """The command ends first, answered or given up; MAVSDK would never return from it."""
+
+    async def run(port):
+        lossy = DeafTo(("127.0.0.1", port))
+        async with flying_behind(lossy) as (vehicle, clock):
+            lossy.lost_command = mavlink.MAV_CMD_DO_SET_MODE
+            asked = asyncio.create_task(vehicle.hold())
+            while not lossy.lost:
+                await clock.sleep(0.1)
+            asked.cancel()
+
+    with reserved_mavlink_port() as port:
+        asyncio.run(run(port))
+    assert not [t for t in threading.enumerate() if t.name.startswith("request")]
 
 
 def test_no_autopilot_is_said_in_one_line():
