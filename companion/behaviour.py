@@ -20,6 +20,8 @@ ASTRAY_RAD = math.radians(20.0)
 """Further than this off the way back into its zone it turns."""
 DETOUR_NS = 3_000_000_000
 """It flies so long around what blocks the way back before it tries again."""
+LEEWAY_NS = 2_000_000_000
+"""After a search in vain it has left the place when it has flown straight for so long."""
 
 
 class BehaviourSettings(Settings, frozen=True):
@@ -60,6 +62,18 @@ class Behaviour:
         self._turn_sign = 0
         self._unknown_since_ns: int | None = None
         self._turned_ns: int | None = None
+        self._searched_rad = 0.0
+        self._yaw_rad = math.nan
+        self._turning_ns = 0
+        """The last frame that it turned in."""
+
+    @property
+    def searched_in_vain(self) -> bool:
+        """It turned full circle and saw no clear way, and has not left the place since.
+
+        Whoever added a margin to λ may give it up: turning on for ever is no safer.
+        """
+        return self._searched_rad >= math.tau
 
     @property
     def looks_ahead(self) -> bool:
@@ -78,6 +92,7 @@ class Behaviour:
 
         ``freer_sign``: +1 where the way is freer on the right, -1 on the left, 0 unknown.
         """
+        self._note_search(stamp_ns, yaw_rad)
         if math.isnan(self._heading_rad) and self.state is BehaviourState.STRAIGHT:
             self._heading_rad = yaw_rad
         if self.state is BehaviourState.STRAIGHT:
@@ -89,6 +104,16 @@ class Behaviour:
         elif self.state is BehaviourState.SEARCH or self._aligned(yaw_rad):
             self._go_on(blocked, yaw_rad)
         return self._goal(blocked)
+
+    def _note_search(self, stamp_ns: int, yaw_rad: float) -> None:
+        """How far it has turned since it last flew straight on."""
+        if self.state is not BehaviourState.STRAIGHT:
+            self._turning_ns = stamp_ns
+        elif not self.searched_in_vain or stamp_ns - self._turning_ns >= LEEWAY_NS:
+            self._searched_rad = 0.0
+        if self.state is BehaviourState.SEARCH:
+            self._searched_rad += abs(wrap_angle_rad(yaw_rad - self._yaw_rad))
+        self._yaw_rad = yaw_rad
 
     def _must_turn(self, stamp_ns: int, blocked: bool | None) -> bool:
         if blocked is not None:

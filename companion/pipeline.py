@@ -116,10 +116,11 @@ class Pipeline:
         if self.plan.experiment.stereo_is_over(elapsed_s):
             available = available._replace(stereo=False)
         percept, mono_map_px = self.perception.settle(seen, available.stereo), seen.map_px
+        thresholds = self._thresholds_now
         choice = self.switch.choose(
             percept,
             self.phase,
-            self.thresholds,
+            thresholds,
             self.behaviour.looks_ahead,
             available,
             self.trust.status,
@@ -127,9 +128,9 @@ class Pipeline:
         certainty = certainty_norm(choice, percept)
         freer_sign = self._freer_sign(choice, mono_map_px)
         goal = self._goal(frame.stamp_ns, choice, certainty, freer_sign, telemetry)
-        added_px = caution_px(percept, self.thresholds.caution_std)
+        added_px = caution_px(percept, thresholds.caution_std)
         account = self.scorecard.record(
-            percept, self.phase, choice, self.behaviour.state, self.thresholds.mono_px, added_px
+            percept, self.phase, choice, self.behaviour.state, thresholds.mono_px, added_px
         )
         decision = self._decision(frame.stamp_ns, choice, certainty, account)
         verdict = self._command(frame.stamp_ns, choice, goal, telemetry)
@@ -257,6 +258,13 @@ class Pipeline:
             trust=self.trust.status,
             certainty_norm=certainty,
         )
+
+    @property
+    def _thresholds_now(self) -> Thresholds:
+        """Without the caution where that leaves no way at all."""
+        thresholds = self.thresholds
+        stuck = self.behaviour.searched_in_vain
+        return thresholds._replace(caution_std=0.0) if stuck else thresholds
 
     def _choose_thresholds(self) -> Thresholds:
         approach = approach_of(self.plan, self.matcher.calibration)

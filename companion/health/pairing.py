@@ -28,6 +28,10 @@ NEAR_PX, BEYOND_REACH_PX, ROWS_PX = 48, 16, 8
 nothing can be, and up or down."""
 ALIGNED_NORM = 0.7
 """Difference at the best shift over that at the mean one: below it the shift means something."""
+FAULTY_NORM = 0.85
+"""Difference at the best shift over that at the best one of a sound pair: only below it does a
+shift that a sound pair cannot have explain anything. 0.2 to 0.85 where rows are apart or the eyes
+swapped; above 0.9 on what is nearer than the search reaches, where no single shift fits."""
 FOREIGN_NORM = 0.9
 """Above it, nothing of one eye is in the other."""
 
@@ -43,6 +47,8 @@ class Pairing(NamedTuple):
     """Right and down, that lays the eyes over each other best; looked for where few match."""
     alignment_norm: float
     """How well it does: see ALIGNED_NORM; NaN where it was not looked for."""
+    faulty_norm: float
+    """How much better than any shift that a sound pair can have: see FAULTY_NORM; NaN likewise."""
 
 
 def pairing(matches: Matches, valid_norm: float) -> Pairing:
@@ -54,11 +60,13 @@ def pairing(matches: Matches, valid_norm: float) -> Pairing:
     told = n_matches >= LEAST_MATCHES and weight > 0.0
     beyond_norm = n_beyond / n_matches if told else math.nan
     offset_px = -moment / weight if told else math.nan
-    shift_px, alignment_norm = (0, 0), math.nan
+    shift_px, alignment_norm, faulty_norm = (0, 0), math.nan, math.nan
     if valid_norm < POOR_NORM:
-        shift_x, shift_y, alignment_norm = _overlay(matches.left, matches.right)
+        shift_x, shift_y, alignment_norm, faulty_norm = _overlay(
+            matches.left, matches.right, matches.infinity_px - BEYOND_PX
+        )
         shift_px = (shift_x, shift_y)
-    return Pairing(beyond_norm, offset_px, shift_px, alignment_norm)
+    return Pairing(beyond_norm, offset_px, shift_px, alignment_norm, faulty_norm)
 
 
 def sign_of(pair: Pairing, valid_norm: float, infinity_px: float) -> Sign | None:
@@ -66,10 +74,10 @@ def sign_of(pair: Pairing, valid_norm: float, infinity_px: float) -> Sign | None
     if math.isnan(pair.alignment_norm):
         return _sign_of_matches(pair)
     (right_px, down_px), matched = pair.shift_px, f"{valid_norm:.0%} of the pixels match"
-    aligned = pair.alignment_norm < ALIGNED_NORM
-    if aligned and down_px:
+    told = pair.alignment_norm < ALIGNED_NORM and pair.faulty_norm < FAULTY_NORM
+    if told and down_px:
         return Sign(CameraFault.DECALIBRATED, f"rows {down_px:+d} px apart, {matched}")
-    if aligned and right_px < infinity_px - BEYOND_PX:
+    if told and right_px < infinity_px - BEYOND_PX:
         return Sign(CameraFault.SWAPPED, f"disparity {right_px:+d} px, {matched}")
     if pair.alignment_norm > FOREIGN_NORM:
         return Sign(CameraFault.UNMATCHED, f"overlay {pair.alignment_norm:.2f}, {matched}")
@@ -119,9 +127,13 @@ def _compare(
     return n_matches, n_beyond, moment, weight
 
 
-@kernel("Tuple((i8, i8, f8))(u1[:,::1], u1[:,::1])", fast=True)
-def _overlay(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[int, int, float]:
-    """(x_left - x_right, y_right - y_left, least over mean difference) of the best overlay."""
+@kernel("Tuple((i8, i8, f8, f8))(u1[:,::1], u1[:,::1], f8)", fast=True)
+def _overlay(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], beyond_px: float
+) -> tuple[int, int, float, float]:
+    """(x_left - x_right, y_right - y_left) of the best overlay, and its difference over the mean
+    one and over the least one of a sound pair: rows level, no shift below ``beyond_px``.
+    """
     height, width = left.shape[0] // 2, left.shape[1] // 2
     small = np.empty((2, height, width), np.int16)
     for row in range(height):
@@ -134,7 +146,7 @@ def _overlay(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[int, in
                     + np.int16(image[2 * row + 1, 2 * column + 1])
                 )
     near, beyond, reach_y = NEAR_PX // 2, BEYOND_REACH_PX // 2, ROWS_PX // 2
-    least, total, count, best_x, best_y = np.inf, 0.0, 0, 0, 0
+    least, sound, total, count, best_x, best_y = np.inf, np.inf, 0.0, 0, 0, 0
     for shift_y in range(-reach_y, reach_y + 1):
         for shift_x in range(-beyond, near + 1):
             difference = 0
@@ -145,7 +157,11 @@ def _overlay(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[int, in
                     )
             total += difference
             count += 1
+            if shift_y == 0 and 2 * shift_x >= beyond_px:
+                sound = min(sound, difference)
             if difference < least:
                 least, best_x, best_y = difference, 2 * shift_x, 2 * shift_y
     mean = total / count
-    return best_x, best_y, least / mean if mean > 0.0 else 1.0
+    if mean == 0.0:
+        return best_x, best_y, 1.0, 1.0
+    return best_x, best_y, least / mean, least / sound if sound > 0.0 else 1.0

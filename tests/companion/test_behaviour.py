@@ -71,6 +71,49 @@ def test_aligned_but_not_clear_searches_on_the_same_way(blocked):
     assert clear.heading_rad == 1.0
 
 
+def search(behaviour, turned_rad, blocked=True, stamp_ns=0):
+    """From the frame that blocks the way: so far round, in steps of a twentieth of a circle."""
+    goal = behaviour.step(stamp_ns, True, 0.0)
+    turn_to(behaviour, goal, blocked, stamp_ns)
+    yaw_rad = goal.heading_rad
+    for _ in range(round(turned_rad / (math.tau / 20))):
+        yaw_rad = wrap_angle_rad(yaw_rad + math.tau / 20)
+        behaviour.step(stamp_ns, blocked, yaw_rad)
+    return yaw_rad
+
+
+def test_a_search_is_in_vain_after_a_full_circle():
+    behaviour = make()
+    search(behaviour, 0.9 * math.tau)
+    assert not behaviour.searched_in_vain
+    assert behaviour.state is BehaviourState.SEARCH
+    behaviour = make()
+    search(behaviour, 1.1 * math.tau)
+    assert behaviour.searched_in_vain
+    assert behaviour.state is BehaviourState.SEARCH
+
+
+def test_two_searches_with_a_way_between_them_are_none_in_vain():
+    behaviour = make()
+    for stamp_ns in (0, 10 * FRAME_NS):
+        yaw_rad = search(behaviour, 0.8 * math.tau, stamp_ns=stamp_ns)
+        for frame in (1, 2):
+            behaviour.step(stamp_ns + frame * FRAME_NS, False, yaw_rad)
+        assert not behaviour.searched_in_vain
+
+
+def test_after_a_search_in_vain_it_must_leave_the_place():
+    behaviour = make()
+    yaw_rad = search(behaviour, 1.1 * math.tau)
+    ahead_ns = [frame * FRAME_NS for frame in range(1, 22)]
+    in_vain = []
+    for stamp_ns in ahead_ns:
+        behaviour.step(stamp_ns, False, yaw_rad)
+        in_vain.append(behaviour.searched_in_vain)
+    assert behaviour.state is BehaviourState.STRAIGHT
+    assert in_vain == [True] * 20 + [False]
+
+
 def test_unknown_distance_stops_at_once_and_turns_after_the_limit():
     behaviour = make(unknown_limit_s=1.0)
     behaviour.step(0, False, 0.0)

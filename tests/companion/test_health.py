@@ -178,3 +178,20 @@ def test_a_wall_that_is_nearer_than_stereo_reaches_is_no_fault():
             frame = model.render(place, ned_from_frd, number * 10**8)
             watched.see(frame, frame.stamp_ns * 1e-9)
         assert (watched.signs, watched.events) == (0, [])
+
+
+def test_turning_beside_a_pillar_is_no_fault():
+    """Its face is nearer than the search reaches and slanting: no one shift lays the eyes over
+    each other, and rows apart fit as well as level ones.
+    """
+    model = StereoCameraModel(
+        load_room(ROOMS / "corridor.toml"), CameraSettings(), np.random.default_rng(0)
+    )
+    watched = Watched(model.calibration)
+    place = (0.832, -0.507, -1.27)
+    for _ in range(20):  # the exposure settles
+        model.render(place, matrix_from_euler(0.0, 0.0, -2.7), 0)
+    for number, yaw_rad in enumerate(np.arange(-2.7, 0.0, 0.08), start=1):
+        frame = model.render(place, matrix_from_euler(0.0, 0.0, yaw_rad), number * 10**8)
+        watched.see(frame, frame.stamp_ns * 1e-9)
+    assert watched.events == []

@@ -6,6 +6,7 @@ import pytest
 
 from tools.faults.__main__ import main
 from tools.faults.cases import CASES, MAVLINK_ONLY, Outcome, events_of
+from tools.faults.lockstep import Task, fly
 from tools.faults.results import Flown, table
 
 
@@ -98,3 +99,10 @@ def test_what_is_not_as_expected_is_exit_code_1(tmp_path, capsys, monkeypatch):
     fail(monkeypatch)
     assert main([*ONE, "--out", str(tmp_path)]) == 1
     assert "faults: 1 flights not as they should be" in capsys.readouterr().err
+
+
+def test_a_place_where_caution_sees_no_way_is_left():
+    """Beside the corridor's wall: turning on for ever, it was carried against it."""
+    (case,) = (case for case in CASES if case.name == "left eye black, learned")
+    it = fly(Task(case, "trusted", "corridor", seed=8))
+    assert (it.observed, it.collisions) == (Outcome.FLIES, 0)
