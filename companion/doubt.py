@@ -64,7 +64,7 @@ class Doubt:
         """The corrected spread; as stated while there are few answers."""
         if len(self._answers) < LEAST_ANSWERS:
             return spread
-        return np.asarray(self._factor * np.hypot(np.nan_to_num(spread), self._least))
+        return np.asarray(self._factor * np.hypot(np.fmax(spread, 0.0), self._least))
 
     def state(self) -> Arrays:
         """The answers remembered, (n, 2): errors and spreads."""

@@ -7,8 +7,7 @@ it only novelty tells that what is seen is not what was learned.
 
 import math
 from collections import deque
-from collections.abc import Iterable
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -102,7 +101,7 @@ class TrustMonitor:
         self._rng = rng
         n_recent = max(1, round(settings.recent_s * approach.rate_hz))
         n_window = max(n_recent, round(settings.window_s * approach.rate_hz))
-        self._window: deque[_Frame] = deque(maxlen=n_window)
+        self._window = _Window(n_window)
         self._squared_px2: deque[float] = deque(maxlen=n_recent)
         self._novelty: deque[float] = deque(maxlen=n_recent)
         self._n_approaches = 0
@@ -149,9 +148,8 @@ class TrustMonitor:
             return
         # The frame that ends an approach belongs to it: on it the obstacle was detected.
         number = self._n_approaches if straight in (state, before) else TURNING
-        self._window.append(
-            _Frame(percept.stereo_px, percept.mono_px, percept.mono_px + caution_px, number)
-        )
+        cautious_px = percept.mono_px + caution_px
+        self._window.append((percept.stereo_px, percept.mono_px, cautious_px, number))
         self._squared_px2.append((percept.mono_px - percept.stereo_px) ** 2)
 
     def _confirmed(self, due: TrustStatus, stamp_ns: int) -> TrustStatus:
@@ -168,16 +166,17 @@ class TrustMonitor:
 
     def _judge(self, stamp_ns: int, mono_threshold_px: float) -> TrustFigures:
         """The figures of the window; NaN where nothing defines one."""
-        stereo_px, mono_px, cautious_px, approach = _columns(self._window)
-        variance_px2 = float(stereo_px.var()) if self._window else math.nan
-        error_px2 = float(np.mean((mono_px - stereo_px) ** 2)) if self._window else math.nan
+        stereo_px, mono_px, cautious_px, approach = self._window.columns()
+        known = len(stereo_px) > 0
+        variance_px2 = float(stereo_px.var()) if known else math.nan
+        error_px2 = float(np.mean((mono_px - stereo_px) ** 2)) if known else math.nan
         flown = approach != TURNING
         samples = Samples(stereo_px[flown], cautious_px[flown], approach[flown])
         ended = np.unique(samples.approach[samples.stereo_px > self._positive_px])
         return TrustFigures(
             stamp_ns=stamp_ns,
             status=self.status,
-            frames=len(self._window),
+            frames=len(stereo_px),
             approaches=len(ended),
             error_norm=_ratio(error_px2, variance_px2),
             recent_error_norm=_ratio(_mean(self._squared_px2), variance_px2),
@@ -245,21 +244,33 @@ def _keeps(figures: TrustFigures, settings: TrustSettings) -> bool:
     )
 
 
-class _Frame(NamedTuple):
-    """A frame on which both cues knew λ."""
+class _Window:
+    """The newest frames on which both cues knew λ, in one array: judging is a view of it."""
 
-    stereo_px: float
-    mono_px: float
-    cautious_px: float
-    """As its threshold is compared with it."""
-    approach: int
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._rows = np.empty((2 * size, 4))
+        self._begin = self._end = 0
 
+    def append(self, row: tuple[float, float, float, int]) -> None:
+        """(stereo's λ, mono's, mono's as its threshold is compared with it, approach)."""
+        if self._end == len(self._rows):
+            kept = self._rows[self._begin :].copy()
+            self._begin, self._end = 0, len(kept)
+            self._rows[: self._end] = kept
+        self._rows[self._end] = row
+        self._end += 1
+        self._begin = max(self._begin, self._end - self._size)
 
-def _columns(
-    frames: Iterable[_Frame],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    rows = np.array(list(frames), dtype=np.float64).reshape(-1, len(_Frame._fields))
-    return rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3].astype(np.int64)
+    def clear(self) -> None:
+        self._begin = self._end = 0
+
+    def columns(
+        self,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+        """As ``append`` has them; the first three are views."""
+        rows = self._rows[self._begin : self._end]
+        return rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3].astype(np.int64)
 
 
 def _mean(values: deque[float]) -> float:

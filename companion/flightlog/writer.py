@@ -11,7 +11,7 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
-from companion.flightlog.background import BackgroundFile
+from companion.flightlog.files import BackgroundFile, PatientFile
 from companion.flightlog.records import (
     METADATA_NAME,
     VIEWS,
@@ -64,10 +64,10 @@ class FlightLogWriter:
         self._view_due_ns: dict[str, int] = {}
         self._pairs_lost = self._records_lost = 0
         self._patient = patient
-        self._file: BackgroundFile | None = None
+        self._file: BackgroundFile | PatientFile | None = None
         self._mcap: Any  # its finish and flush carry no types
         try:
-            self._file = BackgroundFile(path, patient)
+            self._file = PatientFile(path) if patient else BackgroundFile(path)
             stream: Any = self._file  # of a stream, no more is needed than it has
             self._mcap = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
             self._mcap.start(profile="", library="mono-companion")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.flightlog import FlightLog, FlightLogWriter, FlightMetadata, Topic, writer
-from companion.flightlog.background import BackgroundFile
+from companion.flightlog.files import BackgroundFile
 from companion.kernel.errors import RecordingError
 from companion.kernel.messages import Event, StereoFrame, Telemetry
 
@@ -122,7 +122,7 @@ def test_a_disk_that_breaks_is_told_at_the_next_record(disk):
 
 
 def test_a_disk_that_never_answers_is_given_up(disk, monkeypatch):
-    monkeypatch.setattr("companion.flightlog.background.ANSWER_LIMIT_S", 0.05)
+    monkeypatch.setattr("companion.flightlog.files.ANSWER_LIMIT_S", 0.05)
     file = BackgroundFile(disk.path)
     file.write(bytes(200_000))
     with pytest.raises(OSError, match="the disk does not answer") as caught:

@@ -206,6 +206,24 @@ def test_the_figures_are_those_of_the_window():
     assert figures.auc > 0.99
 
 
+def test_the_window_holds_the_newest_frames_however_long_it_has_flown():
+    rng, story, flown_px = np.random.default_rng(1), Story(window_s=10.0, recent_s=1.0), []
+
+    def random(stereo_px, frame):
+        flown_px.append((stereo_px, rng.uniform(1.0, 5.0)))
+        return flown_px[-1][1]
+
+    for _ in range(9):
+        story.fly(1, random)
+        figures = story.monitor.figures
+        n_judged = figures.stamp_ns * RATE_HZ // 1_000_000_000 + 1
+        stereo_px, mono_px = np.array(flown_px[:n_judged][-100:]).T
+        assert figures.frames == len(stereo_px)
+        assert figures.error_norm == pytest.approx(
+            np.mean((mono_px - stereo_px) ** 2) / stereo_px.var()
+        )
+
+
 @settings(deadline=None)
 @given(
     st.lists(

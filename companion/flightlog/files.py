@@ -1,4 +1,4 @@
-"""A file that a thread of its own writes, so that a slow disk keeps nobody waiting."""
+"""The file of a log: one whose writer waits for the disk, one that a thread of its own writes."""
 
 import errno
 import threading
@@ -8,18 +8,43 @@ ANSWER_LIMIT_S = 20.0
 """Wall time without a byte taken after which the disk counts as dead."""
 
 
+class PatientFile:
+    """A new file, written from the front on; whoever writes waits for the disk."""
+
+    waiting_bytes = 0
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("wb")
+        self._position = 0
+
+    def tell(self) -> int:
+        return self._position
+
+    def write(self, data: bytes) -> int:
+        """Takes all of ``data``. Raises OSError, as all that follow."""
+        self._position += self._file.write(data)
+        return len(data)
+
+    def flush(self) -> None:
+        """All is with the operating system then."""
+        self._file.flush()
+
+    drain = flush
+
+    def close(self) -> None:
+        self._file.close()
+
+
 class BackgroundFile:
-    """A new file, written from the front on. ``write`` never waits for the disk, unless patient.
+    """A new file, written from the front on. ``write`` never waits for the disk.
 
     Whoever writes looks at ``waiting_bytes`` first and leaves out what has no room. What the disk
     refused raises OSError at the next call.
     """
 
-    def __init__(self, path: Path, patient: bool = False) -> None:
-        """``patient``: ``write`` returns when all is with the operating system."""
+    def __init__(self, path: Path) -> None:
         self.waiting_bytes = 0
         self._file = path.open("wb", buffering=0)
-        self._patient = patient
         self._position = 0
         self._waiting: list[bytes] = []
         self._error: OSError | None = None
@@ -42,8 +67,6 @@ class BackgroundFile:
             self.waiting_bytes += len(data)
             self._position += len(data)
             self._changed.notify_all()
-        if self._patient:
-            self.drain()
         return len(data)
 
     def flush(self) -> None:
