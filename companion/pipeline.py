@@ -135,7 +135,7 @@ class Pipeline:
         decision = self._decision(frame.stamp_ns, choice, certainty, account)
         verdict = self._command(frame.stamp_ns, choice, goal, telemetry)
         mono_map = _map_message(frame.stamp_ns, mono_map_px)
-        judged, events = self._judge(percept, available)
+        judged, events = self._judge(percept, available, added_px)
         drift, drift_events = self._judge_drift(percept, available, raw)
         events = outlook.events + events + drift_events
         return Step(percept, decision, verdict, mono_map, judged, outlook.record, drift, events)
@@ -145,9 +145,12 @@ class Pipeline:
         return self.perception.samples_learned
 
     def _judge(
-        self, percept: Percept, available: Availability
+        self, percept: Percept, available: Availability, added_px: float
     ) -> tuple[TrustFigures | None, tuple[Event, ...]]:
-        """Whether mono may be trusted from the next frame on; a change is an event."""
+        """Whether mono may be trusted from the next frame on; a change is an event.
+
+        ``added_px``: by caution, to mono's λ.
+        """
         before = self.trust.status
         self.trust_history.note(percept.stamp_ns, before)
         judged = self.trust.update(
@@ -155,7 +158,7 @@ class Pipeline:
             self.behaviour.state,
             self.thresholds.mono_px,
             available.stereo,
-            caution_px(percept, self.thresholds.caution_std),
+            added_px,
         )
         figures = self.trust.figures
         changed = figures.status is not before
