@@ -1,19 +1,20 @@
 """Learning from recordings, without a vehicle: the run behind ``companion learn``."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
-from companion.camera.replay import Recording
+from companion.camera.replay import Recording, TellsMotion
 from companion.cells import cell_labels
 from companion.kernel.messages import StereoFrame
 from companion.learner import Learner
 from companion.learner_settings import LearnerSettings
 from companion.learning_report import LearningReport, Scores
 from companion.modelfile import load_dictionary
+from companion.parallax import Parallax
 from companion.performance import threshold_for_tpr_px
 from companion.stereo import StereoMatcher, StereoSettings
 from companion.threads import use_one_thread
@@ -50,8 +51,9 @@ class Session:
                 self._plan.stereo, recording.calibration, self._plan.learner.label
             )
             self.learner.break_sequence()
+            nearness_per_m = self._nearness_per_m(recording)
             for frame in recording:
-                self._step(frame, matcher)
+                self._step(frame, matcher, nearness_per_m(frame))
 
     def forget_scores(self) -> None:
         """What follows is scored on its own."""
@@ -80,9 +82,22 @@ class Session:
             positive_threshold_px, threshold_px, n_train=self.n_train, n_frames=self.n_frames
         )
 
-    def _step(self, frame: StereoFrame, matcher: StereoMatcher) -> None:
+    def _nearness_per_m(self, recording: Recording) -> Callable[[StereoFrame], float]:
+        """By the vehicle's own motion, for a learner that looks at it; NaN where nobody told it."""
+        settings = self._plan.learner
+        if not (settings.design.motion and isinstance(recording, TellsMotion)):
+            return lambda frame: math.nan
+        parallax = Parallax(recording.calibration, settings.eye)
+
+        def observe(frame: StereoFrame) -> float:
+            telemetry = recording.telemetry_at(frame.stamp_ns)
+            return parallax.observe(self.learner.image_of(frame), frame.stamp_ns, telemetry)
+
+        return observe
+
+    def _step(self, frame: StereoFrame, matcher: StereoMatcher, nearness_per_m: float) -> None:
         disparity_px = matcher.match(frame.left, frame.right).disparity_px
-        features = self.learner.observe(self.learner.image_of(frame))
+        features = self.learner.observe(self.learner.image_of(frame), nearness_per_m)
         mono = self.learner.predict(features)
         self.n_train += self.learner.learn(features, disparity_px, matcher.last_map)
         self.n_frames += 1

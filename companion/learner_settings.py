@@ -57,7 +57,7 @@ class LearnerSettings(Settings, frozen=True):
     views: Annotated[int, Meta(ge=0, le=32)] | None = None
     """Mirrored and enlarged views learned from beside each image."""
     motion: bool | None = None
-    """In flight the parallax of the vehicle's own motion counts too (see companion/motion.py)."""
+    """In flight and on logs its own motion's parallax counts too (see companion/motion.py)."""
     output: Literal["scalar", "map"] = "scalar"
     """"map" learns λ of each of 6 x 8 cells, and takes the image's λ from them; by a ridge,
     whatever ``regressor`` says."""

@@ -2,11 +2,11 @@
 
 from collections.abc import AsyncGenerator, Iterator
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.errors import CameraError
-from companion.kernel.messages import StereoFrame
+from companion.kernel.messages import StereoFrame, Telemetry
 
 
 class Recording(Protocol):
@@ -18,6 +18,15 @@ class Recording(Protocol):
     def __len__(self) -> int: ...
 
     def __iter__(self) -> Iterator[StereoFrame]: ...
+
+
+@runtime_checkable
+class TellsMotion(Protocol):
+    """A recording that also holds what the autopilot told."""
+
+    def telemetry_at(self, stamp_ns: int) -> Telemetry:
+        """With the pair of that stamp; an empty one where there is none."""
+        ...
 
 
 class ReplayCamera:
