@@ -111,7 +111,7 @@ def _read(path: Path) -> SavedModel:
     try:
         text = arrays.pop(_HEADER).tobytes()
         version = json.loads(text)["version"]
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise UnreadableModelError(f"{path}: not a saved model") from error
     if version != VERSION:
         raise PlanError(f"{path}: model of version {version}; this program reads {VERSION}")

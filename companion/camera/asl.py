@@ -5,7 +5,6 @@
 """
 
 import csv
-import json
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -233,6 +232,6 @@ def _value(text: str) -> object:
     try:
         if text.startswith("["):
             return [float(part) for part in text.strip("[] ").rstrip(",").split(",")]
-        return json.loads(text)
+        return float(text)
     except ValueError:
         return text.strip("\"'")

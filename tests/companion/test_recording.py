@@ -125,6 +125,10 @@ YAML = f"{CAM1}/sensor.yaml"
         (lambda f: replace(f / YAML, "[32, 24]", "[64, 48]"), r"resolution is \(64, 48\)"),
         (lambda f: replace(f / YAML, "1.0, 0.0, 0.0, 0.06", "1, 0, 0, -0.06"), r"T_BS.*its right"),
         (lambda f: replace(f / YAML, "0.06", "nan"), r"T_BS\.data: must be 16 numbers"),
+        (
+            lambda f: replace(f / YAML, "pinhole", '{"a":' * 3000),
+            r'camera_model: \{"a".*allowed: pinhole',
+        ),
         (lambda f: (f / YAML).write_text("just words\n"), r"not KEY: VALUE: 'just words'"),
         (lambda f: (f / CAM1 / "data.csv").unlink(), r"cam1/data\.csv: cannot be read"),
         (lambda f: (f / CAM1 / "data.csv").write_text("#t,f\n"), r"data\.csv: lists no images"),
