@@ -1,8 +1,10 @@
 """What the stereo camera sees of the vehicle's motion, against planted errors of its estimate."""
 
+import itertools
 import math
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -28,9 +30,17 @@ def camera(**settings):
 
 
 def excesses(
-    model, *, velocity=(0.0, 0.0), told_too_much=(0.0, 0.0), turn_rad_s=0.0, sway=0.0, told=None
+    model,
+    *,
+    velocity=(0.0, 0.0),
+    told_too_much=(0.0, 0.0),
+    turn_rad_s=0.0,
+    sway=0.0,
+    told=None,
+    older_s=lambda time_s: 0.0,
 ):
-    """What is measured in 2 s of flight in room 1; ``told``: more fields of every telemetry."""
+    """What is measured in 2 s of flight in room 1; ``told``: more fields of every telemetry, which
+    its stamp says is ``older_s`` older than the frame."""
     matcher = StereoMatcher(StereoSettings(), model.calibration)
     left_eye_m = MOUNT_M, -model.calibration.baseline_m / 2.0, 0.0
     odometry = Odometry(matcher.lens, SIZE_PX, matcher.disparity_metre_px, left_eye_m)
@@ -44,6 +54,7 @@ def excesses(
         matcher.match(frame.left, frame.right)
         level = np.add(velocity, told_too_much)
         fields = {
+            "stamp_ns": frame.stamp_ns - round(older_s(time_s) * 1e9),
             "velocity_ned_m_s": (*level, 0.0), "roll_rad": tilt[0], "pitch_rad": tilt[1],
             "yaw_rad": yaw_rad,
         } | (told or {})  # fmt: skip
@@ -90,6 +101,20 @@ def test_nothing_is_said_without_the_autopilots_estimate(unknown):
     assert excesses(camera(), told=unknown) == []
 
 
+@pytest.mark.parametrize("older_s", [-7.0, 0.0, 0.3])
+def test_clocks_may_be_apart(older_s):
+    jitter_s = itertools.cycle([0.0, 0.03, -0.02])
+    there = excesses(camera(), older_s=lambda time_s: older_s + next(jitter_s))
+    assert len(there) == len(excesses(camera())) > 5
+
+
+@pytest.mark.parametrize("older_s", [-0.3, 0.3])
+def test_telemetry_of_another_moment_than_the_image_says_nothing(older_s):
+    """As a link's latency that comes in flight, or frames that come late."""
+    found = excesses(camera(), older_s=lambda time_s: older_s if time_s > 1.0 else 0.0)
+    np.testing.assert_array_equal(found, excesses(camera())[:5])
+
+
 def test_a_wall_without_texture_says_nothing():
     model = camera()
     matcher = StereoMatcher(StereoSettings(), model.calibration)
@@ -97,8 +122,9 @@ def test_a_wall_without_texture_says_nothing():
     plain = np.full((model.calibration.height_px, model.calibration.width_px), 90, np.uint8)
     still = Telemetry(velocity_ned_m_s=(0.0,) * 3, roll_rad=0.0, pitch_rad=0.0, yaw_rad=0.0)
     matcher.match(plain, plain)
-    for number in range(FRAMES):
-        assert odometry.observe(matcher.last_matches(), number * 10**8, still) is None
+    for stamp_ns in range(0, FRAMES * 10**8, 10**8):
+        told = msgspec.structs.replace(still, stamp_ns=stamp_ns)
+        assert odometry.observe(matcher.last_matches(), stamp_ns, told) is None
 
 
 def test_time_that_runs_backwards_begins_anew():
@@ -108,6 +134,8 @@ def test_time_that_runs_backwards_begins_anew():
     still = Telemetry(velocity_ned_m_s=(0.0,) * 3, roll_rad=0.0, pitch_rad=0.0, yaw_rad=0.0)
     frame = model.render((-0.5, 0.0, -1.2), np.eye(3), 0)
     matcher.match(frame.left, frame.right)
-    stamps_s = (5.0, 5.2, 1.0, 1.2, 1.4)
-    found = [odometry.observe(matcher.last_matches(), round(s * 1e9), still) for s in stamps_s]
+    found = []
+    for stamp_ns in (5_000_000_000, 5_200_000_000, 1_000_000_000, 1_200_000_000, 1_400_000_000):
+        told = msgspec.structs.replace(still, stamp_ns=stamp_ns)
+        found.append(odometry.observe(matcher.last_matches(), stamp_ns, told))
     assert [motion is not None for motion in found] == [False, True, False, False, True]
