@@ -26,6 +26,8 @@ Speed = Annotated[float, Meta(gt=0, le=2)]
 WINDOW_NS, LEAST_MEASUREMENTS = 3_000_000_000, 8
 MOST_SCATTER_M_S = 0.06
 """Median deviation from the median; beyond, camera and telemetry are out of step, not astray."""
+CONFIRMED_NS = 600_000_000
+"""So long nothing may speak against a drift above the limit by less than the scatter."""
 RECORD_PERIOD_NS = 1_000_000_000
 SLOW_M_S, FAST_M_S = 0.25, 0.3
 """Below the one, stereo's scale hardly matters; above the other, it shows."""
@@ -93,10 +95,12 @@ class DriftMonitor:
         self._scale = _Scale()
         self._measured: deque[tuple[int, float, float]] = deque()
         self._drift_ned_m_s = (0.0, 0.0)
+        self._scatter_m_s = 0.0
         self._walked_ned_m = (0.0, 0.0)
         """Of the position's error, what was seen while it was named."""
         self._walked_to_ns: int | None = None
         self._recorded_ns: int | None = None
+        self._above_since_ns: int | None = None
 
     def corrected(self, telemetry: Telemetry, stamp_ns: int) -> Telemetry:
         """Position and velocity without the drift; untouched before any was found."""
@@ -124,20 +128,26 @@ class DriftMonitor:
 
     def judge(self, stamp_ns: int, motion: Motion | None) -> Judgement:
         """``motion``: by the autopilot and by the camera, None where nothing was measured."""
-        excess = None if motion is None else self._excess(motion)
+        told_anew = motion is not None and self._measure(stamp_ns, motion)
+        event = self._name(stamp_ns)
+        return Judgement(event, self._record(stamp_ns) if told_anew else None)
+
+    def _measure(self, stamp_ns: int, motion: Motion) -> bool:
+        """Whether enough is known, and agrees, to tell the drift anew."""
+        excess = self._excess(motion)
         if excess is None:
-            return Judgement()
+            return False
         self._measured.append((stamp_ns, float(excess[0]), float(excess[1])))
         while stamp_ns - self._measured[0][0] > WINDOW_NS:
             self._measured.popleft()
         _, north, east = zip(*self._measured, strict=True)
         drift = statistics.median(north), statistics.median(east)
         scatter_m_s = max(_scatter(north, drift[0]), _scatter(east, drift[1]))
-        n_measured = len(self._measured)
-        if n_measured < LEAST_MEASUREMENTS or scatter_m_s > MOST_SCATTER_M_S:
-            return Judgement()
-        self._drift_ned_m_s = drift
-        return Judgement(self._name(stamp_ns), self._record(stamp_ns, n_measured, scatter_m_s))
+        if len(self._measured) < LEAST_MEASUREMENTS or scatter_m_s > MOST_SCATTER_M_S:
+            self._above_since_ns = None
+            return False
+        self._drift_ned_m_s, self._scatter_m_s = drift, scatter_m_s
+        return True
 
     def _excess(self, motion: Motion) -> Floats | None:
         """Of the autopilot's level velocity, (2,); what is known to drift teaches no scale."""
@@ -162,30 +172,41 @@ class DriftMonitor:
     def _name(self, stamp_ns: int) -> Event | None:
         """An event where it begins or ends to drift."""
         speed_m_s = math.hypot(*self._drift_ned_m_s)
-        settings = self.settings
-        limit_m_s = settings.clear_below_m_s if self.named else settings.name_above_m_s
-        if (speed_m_s > limit_m_s) is self.named:
-            return None
-        self.named = not self.named
-        if not self.named:
+        if self.named:
+            if speed_m_s > self.settings.clear_below_m_s:
+                return None
+            self.named = False
             text = "estimator: velocity agrees with the camera again"
             return Event(stamp_ns=stamp_ns, severity="info", text=text)
+        if not self._is_sure(stamp_ns, speed_m_s):
+            return None
+        self.named = True
         self.n_named += 1
         north, east = self._drift_ned_m_s
         bearing_deg = math.degrees(math.atan2(east, north)) % 360.0
-        done = "corrected" if settings.correct else "not corrected"
+        done = "corrected" if self.settings.correct else "not corrected"
         text = f"estimator: drifts by {speed_m_s:.2f} m/s towards {bearing_deg:03.0f} deg; {done}"
         return Event(stamp_ns=stamp_ns, severity="warning", text=text)
 
-    def _record(self, stamp_ns: int, n_measured: int, scatter_m_s: float) -> Drift | None:
+    def _is_sure(self, stamp_ns: int, speed_m_s: float) -> bool:
+        """Above the limit by more than the scatter, or for long enough."""
+        above_m_s = speed_m_s - self.settings.name_above_m_s
+        if above_m_s <= 0.0:
+            self._above_since_ns = None
+            return False
+        if self._above_since_ns is None:
+            self._above_since_ns = stamp_ns
+        return above_m_s > self._scatter_m_s or stamp_ns - self._above_since_ns >= CONFIRMED_NS
+
+    def _record(self, stamp_ns: int) -> Drift | None:
         if self._recorded_ns is not None and stamp_ns - self._recorded_ns < RECORD_PERIOD_NS:
             return None
         self._recorded_ns = stamp_ns
         return Drift(
             stamp_ns=stamp_ns,
             velocity_ned_m_s=self._drift_ned_m_s,
-            scatter_m_s=scatter_m_s,
-            measurements=n_measured,
+            scatter_m_s=self._scatter_m_s,
+            measurements=len(self._measured),
             named=self.named,
             walked_ned_m=self._walked_ned_m,
         )

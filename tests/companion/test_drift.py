@@ -60,6 +60,16 @@ def test_the_noise_of_a_healthy_flight_is_not_named():
     assert monitor.compensated(Setpoint(stamp_ns=0), 0.0) == Setpoint(stamp_ns=0)
 
 
+@pytest.mark.parametrize(("n_astray", "named"), [(15, 0), (40, 1)])
+def test_what_scatters_about_the_limit_must_stay_above_it_for_a_while(n_astray, named):
+    monitor = DriftMonitor(DriftSettings())
+    watch(monitor, (0.0, 0.0), 20, noise=0.01)
+    for number in range(20, 20 + n_astray):
+        watch(monitor, (0.2 if number % 2 else 0.13, 0.0), 1, begin=number)
+    watch(monitor, (0.0, 0.0), 20, begin=20 + n_astray, noise=0.01)
+    assert monitor.n_named == named
+
+
 def test_an_end_of_the_drift_is_told_and_what_was_walked_stays_corrected():
     monitor = DriftMonitor(DriftSettings())
     watch(monitor, (0.2, 0.0), 50)
