@@ -4,7 +4,6 @@ A point whose depth stereo knows moves across the image by the way the camera we
 gyroscopes know well, is taken out. The way that explains how most points moved is the camera's.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import cv2
@@ -16,6 +15,7 @@ from companion.kernel.frames import Vector3
 from companion.kernel.messages import Telemetry
 from companion.lens import Floats, Grey, Lens, Points, grid_of, levelled
 from companion.stereo import Matches
+from companion.telemetry_age import TelemetryAge
 from companion.wayflown import WayFlown
 
 LEAST_APART_NS, MOST_APART_NS = 190_000_000, 450_000_000
@@ -33,10 +33,6 @@ CONSISTENT_PX = 0.15
 """Points that are off by less count fully; the scale where most fit better than that."""
 MOST_SCATTER_PX = 1.5
 """Where half of the points are off by more, nothing can be said."""
-MOST_OUT_OF_STEP_NS = 150_000_000
-"""Telemetry that is so much older or newer than usual tells of another moment than the image."""
-CLOCKS_APART = 1e-4
-"""What is usual follows this fast, in s/s: the clocks of camera and autopilot drift apart."""
 
 
 class _View(NamedTuple):
@@ -76,7 +72,7 @@ class Odometry:
         self._eye_m: Floats = lens.cam_from_frd @ np.array(eye_frd_m)
         self._disparity_metre_px = disparity_metre_px
         self._way = WayFlown()
-        self._step = _Step()
+        self._age = TelemetryAge()
         self._earlier: _View | None = None
 
     def observe(self, matches: Matches, stamp_ns: int, telemetry: Telemetry) -> Motion | None:
@@ -87,7 +83,7 @@ class Odometry:
         """
         way_ned_m = self._way.advance(stamp_ns, telemetry)
         earlier = self._earlier
-        if not self._step.is_kept(stamp_ns, telemetry.stamp_ns) or way_ned_m is None:
+        if not self._age.is_usual(stamp_ns, telemetry.stamp_ns) or way_ned_m is None:
             self._earlier = None
             return None
         apart_ns = stamp_ns - earlier.stamp_ns if earlier else MOST_APART_NS + 1
@@ -142,24 +138,6 @@ class Odometry:
         inverse_per_m = earlier.inverse_depth_per_m[good]
         way_m, scatter_px = _way(turned[good], rays, inverse_per_m, self._lens.focal_px)
         return None if scatter_px > MOST_SCATTER_PX else now.cam_from_ned.T @ way_m
-
-
-class _Step:
-    """Whether telemetry comes as long after the images as it usually does."""
-
-    def __init__(self) -> None:
-        self._usual_ns = math.nan
-        """By how much it is the older one, by the clocks of both."""
-        self._stamp_ns = 0
-
-    def is_kept(self, stamp_ns: int, told_ns: int) -> bool:
-        older_ns = stamp_ns - told_ns
-        if math.isnan(self._usual_ns):
-            self._usual_ns = older_ns
-        most_ns = CLOCKS_APART * max(0, stamp_ns - self._stamp_ns)
-        self._usual_ns += min(max(older_ns - self._usual_ns, -most_ns), most_ns)
-        self._stamp_ns = stamp_ns
-        return abs(older_ns - self._usual_ns) <= MOST_OUT_OF_STEP_NS
 
 
 def _inside(points: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
