@@ -22,6 +22,7 @@ from companion.kernel.messages import (
     MonoMap,
     Percept,
     Phase,
+    Setpoint,
     StereoFrame,
     Telemetry,
     TrustFigures,
@@ -32,8 +33,9 @@ from companion.odometry import Odometry
 from companion.perception import Perception
 from companion.pilot import fly_to
 from companion.plan import Plan
+from companion.push_back import PushBack
 from companion.risk import Approach
-from companion.safety import Verdict, check, react_to_age
+from companion.safety import Reaction, Verdict, check, react_to_age
 from companion.scorecard import Account, Scorecard
 from companion.stereo import StereoMatcher
 from companion.switch import Choice, Switch, Thresholds, caution_px
@@ -87,6 +89,7 @@ class Pipeline:
         self.health = CameraHealth(plan.health, plan.safety.stop_after_s)
         self.perception = Perception(self.matcher, self.learner, self.health)
         self.drift = DriftMonitor(plan.drift)
+        self._push_back = PushBack(plan.push_back)
         ahead_m, right_m, down_m = plan.camera.mount_frd_m
         left_eye_m = ahead_m, right_m - calibration.baseline_m / 2.0, down_m
         size_px = calibration.width_px, calibration.height_px
@@ -231,8 +234,11 @@ class Pipeline:
             yaw_rate_limit_rad_s=math.radians(behaviour.yaw_rate_deg_s),
             settings=self.plan.pilot,
         )
-        setpoint = self.drift.compensated(setpoint, telemetry.yaw_rad)
-        verdict = check(setpoint, telemetry, self.plan.safety)
+        setpoint = self._push_back.against(setpoint, telemetry)
+        asked = self.drift.compensated(setpoint, telemetry.yaw_rad)
+        verdict = check(asked, telemetry, self.plan.safety)
+        flies = verdict.reaction is Reaction.FLY
+        self._push_back.sent(setpoint if flies else Setpoint(stamp_ns=stamp_ns), telemetry.yaw_rad)
         if choice.cue is not Cue.NONE:
             self._sighted_ns = stamp_ns
         reaction = react_to_age((stamp_ns - self._sighted_ns) * 1e-9, self.plan.safety)

@@ -16,6 +16,7 @@ from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings, convert_settings, read_toml
 from companion.learner_settings import LearnerSettings
 from companion.pilot import PilotSettings
+from companion.push_back import PushBackSettings
 from companion.safety import SafetySettings
 from companion.stereo import StereoSettings
 from companion.switch import ExperimentSettings
@@ -55,6 +56,7 @@ class Plan(Settings, frozen=True):
     safety: SafetySettings = SafetySettings()
     health: HealthSettings = HealthSettings()
     drift: DriftSettings = DriftSettings()
+    push_back: PushBackSettings = PushBackSettings()
     log: LogSettings = LogSettings()
     sitl: dict[str, Any] = field(default_factory=dict)
     """Handed to the simulator, which checks it (see flightplans/README.md)."""

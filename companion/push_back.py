@@ -1,0 +1,134 @@
+"""Against wind: a velocity that nobody asked for is asked back.
+
+An autopilot that is given velocities corrects a gust softly: at PX4's gains one of 4 m/s carries a
+small vehicle by more than a metre. So the vehicle is compared with a model of how it follows its
+setpoints, and what the model does not explain was done by something else (internal model control:
+Morari and Zafiriou, Robust Process Control, 1989). What is too small to tell wind from an error of
+the model, a second-order lag, is left alone.
+"""
+
+import math
+from collections import deque
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from companion.kernel.frames import hfrd_from_ned, ned_from_hfrd
+from companion.kernel.messages import Setpoint, Telemetry
+from companion.kernel.settings import Settings
+from companion.telemetry_age import TelemetryAge
+
+Level = tuple[float, float]
+"""(north, east), m/s."""
+
+LONGEST_GAP_NS = 1_000_000_000
+"""Between two frames; after a longer one the model begins anew."""
+STEP_S = 0.02
+
+
+class PushBackSettings(Settings, frozen=True):
+    """``[push_back]``: what is done about wind, and how the vehicle follows a level velocity."""
+
+    gain_norm: Annotated[float, Meta(ge=0, le=3)] = 2.0
+    """Of the excess above ``above_m_s``; 0 leaves gusts to the autopilot."""
+    above_m_s: Annotated[float, Meta(gt=0, le=2)] = 0.3
+    """The model may be wrong by so much."""
+    most_m_s: Annotated[float, Meta(gt=0, le=2)] = 0.6
+    response_delay_s: Annotated[float, Meta(ge=0, le=1)] = 0.2
+    response_rad_s: Annotated[float, Meta(gt=0, le=20)] = 4.0
+    response_damping: Annotated[float, Meta(gt=0, le=2)] = 0.7
+
+
+class PushBack:
+    """Follows what the vehicle was asked for, and compares."""
+
+    def __init__(self, settings: PushBackSettings) -> None:
+        self.settings = settings
+        self._age = TelemetryAge()
+        self._model = _Response(settings)
+        self._stamp_ns: int | None = None
+
+    def against(self, setpoint: Setpoint, telemetry: Telemetry) -> Setpoint:
+        """``setpoint`` with what takes away a velocity that nobody asked for.
+
+        To be called with every frame; then ``sent`` with what became of it.
+        """
+        excess = self._excess(setpoint.stamp_ns, telemetry)
+        if excess is None:
+            return setpoint
+        north, east = excess
+        excess_m_s = math.hypot(north, east)
+        beyond_m_s = excess_m_s - self.settings.above_m_s
+        if not beyond_m_s > 0.0:
+            return setpoint
+        share = -min(self.settings.gain_norm * beyond_m_s, self.settings.most_m_s) / excess_m_s
+        ahead, right = hfrd_from_ned(share * north, share * east, telemetry.yaw_rad)
+        forward_m_s, right_m_s, down_m_s = setpoint.velocity_hfrd_m_s
+        return msgspec.structs.replace(
+            setpoint, velocity_hfrd_m_s=(forward_m_s + ahead, right_m_s + right, down_m_s)
+        )
+
+    def sent(self, setpoint: Setpoint, yaw_rad: float) -> None:
+        """What the autopilot got in the end."""
+        forward_m_s, right_m_s, _ = setpoint.velocity_hfrd_m_s
+        self._model.ask(setpoint.stamp_ns, ned_from_hfrd(forward_m_s, right_m_s, yaw_rad))
+
+    def _excess(self, stamp_ns: int, telemetry: Telemetry) -> Level | None:
+        """Of the velocity, beyond what was asked for; None where it is none, or unknown.
+
+        A vehicle that is slower than asked may touch something: it is not pushed on.
+        """
+        before_ns, self._stamp_ns = self._stamp_ns, stamp_ns
+        usual = self._age.is_usual(stamp_ns, telemetry.stamp_ns)
+        north_m_s, east_m_s, _ = telemetry.velocity_ned_m_s
+        if not (math.isfinite(north_m_s) and math.isfinite(east_m_s)):
+            self._stamp_ns = None
+            return None
+        if before_ns is None or not 0 < stamp_ns - before_ns <= LONGEST_GAP_NS:
+            self._model.restart(stamp_ns, (north_m_s, east_m_s))
+            return None
+        expected_north, expected_east = self._model.velocity_at(stamp_ns)
+        north, east = north_m_s - expected_north, east_m_s - expected_east
+        faster = north * north_m_s + east * east_m_s > 0.0
+        return (north, east) if usual and faster else None
+
+
+class _Response:
+    """Level velocity that follows what was asked for as a delayed second-order lag."""
+
+    def __init__(self, settings: PushBackSettings) -> None:
+        self._delay_ns = round(settings.response_delay_s * 1e9)
+        self._stiffness = settings.response_rad_s**2
+        self._friction = 2.0 * settings.response_damping * settings.response_rad_s
+        self._asked: deque[tuple[int, Level]] = deque()
+        self.restart(0, (0.0, 0.0))
+
+    def restart(self, stamp_ns: int, velocity_ned_m_s: Level) -> None:
+        self._stamp_ns = stamp_ns
+        self._velocity, self._acceleration = velocity_ned_m_s, (0.0, 0.0)
+        self._asked.clear()
+        self.ask(stamp_ns - self._delay_ns, velocity_ned_m_s)
+
+    def ask(self, stamp_ns: int, velocity_ned_m_s: Level) -> None:
+        self._asked.append((stamp_ns, velocity_ned_m_s))
+
+    def velocity_at(self, stamp_ns: int) -> Level:
+        """No earlier than it was asked before."""
+        while self._stamp_ns < stamp_ns:
+            until_ns = min(stamp_ns, self._stamp_ns + round(STEP_S * 1e9))
+            self._step((until_ns - self._stamp_ns) * 1e-9)
+            self._stamp_ns = until_ns
+        return self._velocity
+
+    def _step(self, passed_s: float) -> None:
+        heard_ns = self._stamp_ns - self._delay_ns
+        while len(self._asked) > 1 and self._asked[1][0] <= heard_ns:
+            self._asked.popleft()
+        (north, east), (v_north, v_east) = self._asked[0][1], self._velocity
+        a_north, a_east = self._acceleration
+        stiff, friction = self._stiffness, self._friction
+        a_north += passed_s * (stiff * (north - v_north) - friction * a_north)
+        a_east += passed_s * (stiff * (east - v_east) - friction * a_east)
+        self._acceleration = a_north, a_east
+        self._velocity = v_north + passed_s * a_north, v_east + passed_s * a_east
