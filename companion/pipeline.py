@@ -89,7 +89,7 @@ class Pipeline:
         self.health = CameraHealth(plan.health, plan.safety.stop_after_s)
         self.perception = Perception(self.matcher, self.learner, self.health)
         self.drift = DriftMonitor(plan.drift)
-        self._push_back = PushBack(plan.push_back)
+        self._push_back = PushBack(plan.push_back, plan.behaviour.forward_speed_m_s)
         ahead_m, right_m, down_m = plan.camera.mount_frd_m
         left_eye_m = ahead_m, right_m - calibration.baseline_m / 2.0, down_m
         size_px = calibration.width_px, calibration.height_px
@@ -234,13 +234,14 @@ class Pipeline:
             yaw_rate_limit_rad_s=math.radians(behaviour.yaw_rate_deg_s),
             settings=self.plan.pilot,
         )
-        setpoint = self._push_back.against(setpoint, telemetry)
-        asked = self.drift.compensated(setpoint, telemetry.yaw_rad)
-        verdict = check(asked, telemetry, self.plan.safety)
-        flies = verdict.reaction is Reaction.FLY
-        self._push_back.sent(setpoint if flies else Setpoint(stamp_ns=stamp_ns), telemetry.yaw_rad)
+        pushed = self._push_back.against(setpoint, telemetry)
         if choice.cue is not Cue.NONE:
             self._sighted_ns = stamp_ns
+            setpoint = pushed
+        asked = self.drift.compensated(setpoint, telemetry.yaw_rad)
+        verdict = check(asked, telemetry, self.plan.safety)
+        flown = setpoint if verdict.reaction is Reaction.FLY else Setpoint(stamp_ns=stamp_ns)
+        self._push_back.sent(flown, telemetry.yaw_rad)
         reaction = react_to_age((stamp_ns - self._sighted_ns) * 1e-9, self.plan.safety)
         if reaction > verdict.reaction:
             return verdict._replace(reaction=reaction, reason=self._why_blind())

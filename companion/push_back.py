@@ -24,17 +24,21 @@ Level = tuple[float, float]
 
 LONGEST_GAP_NS = 1_000_000_000
 """Between two frames; after a longer one the model begins anew."""
+QUIET_M_S, QUIET_NS = 0.06, 1_000_000_000
+"""A gust is over when the excess was smaller for so long: until then the autopilot unlearns it."""
 STEP_S = 0.02
 
 
 class PushBackSettings(Settings, frozen=True):
     """``[push_back]``: what is done about wind, and how the vehicle follows a level velocity."""
 
-    gain_norm: Annotated[float, Meta(ge=0, le=3)] = 2.0
-    """Of the excess above ``above_m_s``; 0 leaves gusts to the autopilot."""
-    above_m_s: Annotated[float, Meta(gt=0, le=2)] = 0.3
-    """The model may be wrong by so much."""
-    most_m_s: Annotated[float, Meta(gt=0, le=2)] = 0.6
+    gain_norm: Annotated[float, Meta(ge=0, le=1)] = 0.9
+    """How much of the excess is asked back; 0 leaves gusts to the autopilot."""
+    above_m_s: Annotated[float, Meta(gt=0, le=2)] = 0.2
+    """The excess that counts as a gust."""
+    above_norm: Annotated[float, Meta(ge=0, le=2)] = 0.6
+    """At least this share of the forward speed: the model errs when the vehicle brakes."""
+    most_m_s: Annotated[float, Meta(gt=0, le=2)] = 0.8
     response_delay_s: Annotated[float, Meta(ge=0, le=1)] = 0.2
     response_rad_s: Annotated[float, Meta(gt=0, le=20)] = 4.0
     response_damping: Annotated[float, Meta(gt=0, le=2)] = 0.7
@@ -43,11 +47,14 @@ class PushBackSettings(Settings, frozen=True):
 class PushBack:
     """Follows what the vehicle was asked for, and compares."""
 
-    def __init__(self, settings: PushBackSettings) -> None:
+    def __init__(self, settings: PushBackSettings, forward_speed_m_s: float) -> None:
         self.settings = settings
+        self.pushing = False
+        self._above_m_s = max(settings.above_m_s, settings.above_norm * forward_speed_m_s)
         self._age = TelemetryAge()
         self._model = _Response(settings)
         self._stamp_ns: int | None = None
+        self._quiet_since_ns = 0
 
     def against(self, setpoint: Setpoint, telemetry: Telemetry) -> Setpoint:
         """``setpoint`` with what takes away a velocity that nobody asked for.
@@ -56,29 +63,44 @@ class PushBack:
         """
         excess = self._excess(setpoint.stamp_ns, telemetry)
         if excess is None:
+            self.pushing = False
             return setpoint
-        north, east = excess
-        excess_m_s = math.hypot(north, east)
-        beyond_m_s = excess_m_s - self.settings.above_m_s
-        if not beyond_m_s > 0.0:
-            return setpoint
-        share = -min(self.settings.gain_norm * beyond_m_s, self.settings.most_m_s) / excess_m_s
-        ahead, right = hfrd_from_ned(share * north, share * east, telemetry.yaw_rad)
-        forward_m_s, right_m_s, down_m_s = setpoint.velocity_hfrd_m_s
-        return msgspec.structs.replace(
-            setpoint, velocity_hfrd_m_s=(forward_m_s + ahead, right_m_s + right, down_m_s)
-        )
+        north_m_s, east_m_s, _ = telemetry.velocity_ned_m_s
+        carried = excess[0] * north_m_s + excess[1] * east_m_s > 0.0
+        self.pushing = self._is_gust(setpoint.stamp_ns, math.hypot(*excess), carried)
+        return self._pushed(setpoint, excess, telemetry.yaw_rad) if self.pushing else setpoint
 
     def sent(self, setpoint: Setpoint, yaw_rad: float) -> None:
         """What the autopilot got in the end."""
         forward_m_s, right_m_s, _ = setpoint.velocity_hfrd_m_s
         self._model.ask(setpoint.stamp_ns, ned_from_hfrd(forward_m_s, right_m_s, yaw_rad))
 
-    def _excess(self, stamp_ns: int, telemetry: Telemetry) -> Level | None:
-        """Of the velocity, beyond what was asked for; None where it is none, or unknown.
+    def _is_gust(self, stamp_ns: int, excess_m_s: float, carried: bool) -> bool:
+        """``carried``: it moves with the excess; one that is slower than asked may touch a wall."""
+        if not self.pushing:
+            self._quiet_since_ns = stamp_ns
+            return carried and excess_m_s > self._above_m_s
+        if excess_m_s > QUIET_M_S:
+            self._quiet_since_ns = stamp_ns
+        return stamp_ns - self._quiet_since_ns < QUIET_NS
 
-        A vehicle that is slower than asked may touch something: it is not pushed on.
-        """
+    def _pushed(self, setpoint: Setpoint, excess: Level, yaw_rad: float) -> Setpoint:
+        """Never faster to where it was to go anyway."""
+        excess_m_s = max(math.hypot(*excess), 1e-9)
+        share = -min(self.settings.gain_norm, self.settings.most_m_s / excess_m_s)
+        ahead, right = hfrd_from_ned(share * excess[0], share * excess[1], yaw_rad)
+        forward_m_s, right_m_s, down_m_s = setpoint.velocity_hfrd_m_s
+        wanted_m_s = math.hypot(forward_m_s, right_m_s)
+        if wanted_m_s > 0.0:
+            way = forward_m_s / wanted_m_s, right_m_s / wanted_m_s
+            more_m_s = max(0.0, ahead * way[0] + right * way[1])
+            ahead, right = ahead - more_m_s * way[0], right - more_m_s * way[1]
+        return msgspec.structs.replace(
+            setpoint, velocity_hfrd_m_s=(forward_m_s + ahead, right_m_s + right, down_m_s)
+        )
+
+    def _excess(self, stamp_ns: int, telemetry: Telemetry) -> Level | None:
+        """Of the velocity, beyond what was asked for; None where that is unknown."""
         before_ns, self._stamp_ns = self._stamp_ns, stamp_ns
         usual = self._age.is_usual(stamp_ns, telemetry.stamp_ns)
         north_m_s, east_m_s, _ = telemetry.velocity_ned_m_s
@@ -89,9 +111,7 @@ class PushBack:
             self._model.restart(stamp_ns, (north_m_s, east_m_s))
             return None
         expected_north, expected_east = self._model.velocity_at(stamp_ns)
-        north, east = north_m_s - expected_north, east_m_s - expected_east
-        faster = north * north_m_s + east * east_m_s > 0.0
-        return (north, east) if usual and faster else None
+        return (north_m_s - expected_north, east_m_s - expected_east) if usual else None
 
 
 class _Response:
