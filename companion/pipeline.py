@@ -33,15 +33,14 @@ from companion.odometry import Odometry
 from companion.perception import Perception
 from companion.pilot import fly_to
 from companion.plan import Plan
-from companion.push_back import PushBack
-from companion.risk import Approach
+from companion.push_back import PushBack, Pushed
 from companion.safety import Reaction, Verdict, check, react_to_age
 from companion.scorecard import Account, Scorecard
 from companion.stereo import StereoMatcher
 from companion.switch import Choice, Switch, Thresholds, caution_px
 from companion.tether import way_back_rad
 from companion.textons import TextonDictionary
-from companion.thresholds import choose_thresholds
+from companion.thresholds import approach_of, choose_thresholds
 from companion.trust import TrustHistory, TrustMonitor, event_of
 
 
@@ -136,11 +135,11 @@ class Pipeline:
             percept, self.phase, choice, self.behaviour.state, thresholds.mono_px, added_px
         )
         decision = self._decision(frame.stamp_ns, choice, certainty, account)
-        verdict = self._command(frame.stamp_ns, choice, goal, telemetry)
+        verdict, pushed = self._command(frame.stamp_ns, choice, goal, telemetry)
         mono_map = _map_message(frame.stamp_ns, mono_map_px)
         judged, events = self._judge(percept, available, added_px)
         drift, drift_events = self._judge_drift(percept, available, raw)
-        events = outlook.events + events + drift_events
+        events = outlook.events + events + drift_events + pushed
         return Step(percept, decision, verdict, mono_map, judged, outlook.record, drift, events)
 
     @property
@@ -223,7 +222,9 @@ class Pipeline:
         careful = settings.speed_by_certainty or not self.health.available.stereo
         return with_speed_for(goal, certainty, settings) if careful else goal
 
-    def _command(self, stamp_ns: int, choice: Choice, goal: Goal, telemetry: Telemetry) -> Verdict:
+    def _command(
+        self, stamp_ns: int, choice: Choice, goal: Goal, telemetry: Telemetry
+    ) -> tuple[Verdict, tuple[Event, ...]]:
         """The safe setpoint; holds and lands where no cue could be relied on for too long."""
         behaviour = self.plan.behaviour
         setpoint = fly_to(
@@ -235,17 +236,19 @@ class Pipeline:
             settings=self.plan.pilot,
         )
         pushed = self._push_back.against(setpoint, telemetry)
-        if choice.cue is not Cue.NONE:
+        if choice.cue is Cue.NONE:
+            pushed = Pushed(setpoint)
+        else:
             self._sighted_ns = stamp_ns
-            setpoint = pushed
-        asked = self.drift.compensated(setpoint, telemetry.yaw_rad)
-        verdict = check(asked, telemetry, self.plan.safety)
-        flown = setpoint if verdict.reaction is Reaction.FLY else Setpoint(stamp_ns=stamp_ns)
+        setpoint = self.drift.compensated(pushed.setpoint, telemetry.yaw_rad)
+        verdict = check(setpoint, telemetry, self.plan.safety)
+        flies = verdict.reaction is Reaction.FLY
+        flown = pushed.setpoint if flies else Setpoint(stamp_ns=stamp_ns)
         self._push_back.sent(flown, telemetry.yaw_rad)
         reaction = react_to_age((stamp_ns - self._sighted_ns) * 1e-9, self.plan.safety)
         if reaction > verdict.reaction:
-            return verdict._replace(reaction=reaction, reason=self._why_blind())
-        return verdict
+            verdict = verdict._replace(reaction=reaction, reason=self._why_blind())
+        return verdict, () if pushed.event is None else (pushed.event,)
 
     def _why_blind(self) -> str:
         faults = f" ({self.health.faults})" if self.health.faults else ""
@@ -286,13 +289,3 @@ def _map_message(stamp_ns: int, map_px: CellMap | None) -> MonoMap | None:
         return None
     cells_px = tuple(map_px.reshape(-1).tolist())
     return MonoMap(stamp_ns=stamp_ns, columns=map_px.shape[1], disparity_px=cells_px)
-
-
-def approach_of(plan: Plan, calibration: StereoCalibration) -> Approach:
-    """The approach that the performance model (companion/risk.py) reckons with."""
-    return Approach(
-        rate_hz=plan.camera.rate_hz,
-        speed_m_s=plan.behaviour.forward_speed_m_s,
-        disparity_metre_px=calibration.disparity_metre_px,
-        positive_threshold_px=plan.behaviour.turn_threshold_px,
-    )

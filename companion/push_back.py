@@ -9,13 +9,13 @@ the model, a second-order lag, is left alone.
 
 import math
 from collections import deque
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import msgspec
 from msgspec import Meta
 
 from companion.kernel.frames import hfrd_from_ned, ned_from_hfrd
-from companion.kernel.messages import Setpoint, Telemetry
+from companion.kernel.messages import Event, Setpoint, Telemetry
 from companion.kernel.settings import Settings
 from companion.telemetry_age import TelemetryAge
 
@@ -44,6 +44,13 @@ class PushBackSettings(Settings, frozen=True):
     response_damping: Annotated[float, Meta(gt=0, le=2)] = 0.7
 
 
+class Pushed(NamedTuple):
+    """A setpoint, and what a person should hear of it."""
+
+    setpoint: Setpoint
+    event: Event | None = None
+
+
 class PushBack:
     """Follows what the vehicle was asked for, and compares."""
 
@@ -56,7 +63,7 @@ class PushBack:
         self._stamp_ns: int | None = None
         self._quiet_since_ns = 0
 
-    def against(self, setpoint: Setpoint, telemetry: Telemetry) -> Setpoint:
+    def against(self, setpoint: Setpoint, telemetry: Telemetry) -> Pushed:
         """``setpoint`` with what takes away a velocity that nobody asked for.
 
         To be called with every frame; then ``sent`` with what became of it.
@@ -64,11 +71,15 @@ class PushBack:
         excess = self._excess(setpoint.stamp_ns, telemetry)
         if excess is None:
             self.pushing = False
-            return setpoint
+            return Pushed(setpoint)
         north_m_s, east_m_s, _ = telemetry.velocity_ned_m_s
         carried = excess[0] * north_m_s + excess[1] * east_m_s > 0.0
-        self.pushing = self._is_gust(setpoint.stamp_ns, math.hypot(*excess), carried)
-        return self._pushed(setpoint, excess, telemetry.yaw_rad) if self.pushing else setpoint
+        pushed_before, stamp_ns = self.pushing, setpoint.stamp_ns
+        self.pushing = self._is_gust(stamp_ns, math.hypot(*excess), carried)
+        if not self.pushing:
+            return Pushed(setpoint)
+        event = None if pushed_before else _event_of(stamp_ns, excess)
+        return Pushed(self._pushed(setpoint, excess, telemetry.yaw_rad), event)
 
     def sent(self, setpoint: Setpoint, yaw_rad: float) -> None:
         """What the autopilot got in the end."""
@@ -112,6 +123,13 @@ class PushBack:
             return None
         expected_north, expected_east = self._model.velocity_at(stamp_ns)
         return (north_m_s - expected_north, east_m_s - expected_east) if usual else None
+
+
+def _event_of(stamp_ns: int, excess: Level) -> Event:
+    bearing_deg = math.degrees(math.atan2(excess[1], excess[0])) % 360.0
+    speed_m_s = math.hypot(*excess)
+    text = f"wind: carried off at {speed_m_s:.1f} m/s towards {bearing_deg:03.0f} deg; pushes back"
+    return Event(stamp_ns=stamp_ns, severity="info", text=text)
 
 
 class _Response:

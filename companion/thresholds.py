@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from companion.kernel.calibration import StereoCalibration
 from companion.kernel.messages import Phase
 from companion.performance import threshold_for_tpr_px
 from companion.plan import Plan
@@ -49,3 +50,13 @@ def _from_roc_px(scorecard: Scorecard, positive_px: float, wanted_tpr: float) ->
     seen = [scorecard.accounts[phase].estimates() for phase in PHASES_OF_LEARNING]
     stereo_px, mono_px = (np.concatenate(values) for values in zip(*seen, strict=True))
     return threshold_for_tpr_px(mono_px, stereo_px, positive_px, wanted_tpr)
+
+
+def approach_of(plan: Plan, calibration: StereoCalibration) -> Approach:
+    """The approach that the performance model (companion/risk.py) reckons with."""
+    return Approach(
+        rate_hz=plan.camera.rate_hz,
+        speed_m_s=plan.behaviour.forward_speed_m_s,
+        disparity_metre_px=calibration.disparity_metre_px,
+        positive_threshold_px=plan.behaviour.turn_threshold_px,
+    )

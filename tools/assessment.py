@@ -10,7 +10,6 @@ from companion.flightlog import FlightLog
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.errors import RecordingError
 from companion.kernel.messages import Phase
-from companion.pipeline import approach_of
 from companion.risk import (
     INTERVAL_NORM,
     Approach,
@@ -25,7 +24,7 @@ from companion.risk import (
     tally,
     total,
 )
-from companion.thresholds import PHASES_OF_LEARNING
+from companion.thresholds import PHASES_OF_LEARNING, approach_of
 from tools.flown import FlownFlight
 
 

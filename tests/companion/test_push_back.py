@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.kernel.messages import Setpoint, Telemetry
-from companion.push_back import PushBack, PushBackSettings
+from companion.push_back import PushBack, PushBackSettings, Pushed
 
 PERIOD_NS, STEPS = 100_000_000, 50
 SPEED_M_S = 0.5
@@ -56,7 +56,7 @@ def fly(settings, plant, wanted=lambda _: 0.0, wind_m_s=0.0, seconds=15.0):
         stamp_ns = number * PERIOD_NS
         blows = WIND_S[0] <= stamp_ns * 1e-9 < WIND_S[1]
         wish = Setpoint(stamp_ns=stamp_ns, velocity_hfrd_m_s=(wanted(stamp_ns * 1e-9), 0.0, 0.1))
-        asked = push_back.against(wish, telemetry(stamp_ns, plant.v_m_s))
+        asked = push_back.against(wish, telemetry(stamp_ns, plant.v_m_s)).setpoint
         push_back.sent(asked, 0.0)
         plant.fly(asked.velocity_hfrd_m_s[0], wind_m_s if blows else 0.0)
         rows.append((asked.velocity_hfrd_m_s[0] - wish.velocity_hfrd_m_s[0], plant.north_m))
@@ -99,7 +99,8 @@ def test_a_vehicle_that_cannot_go_on_is_not_pushed_on():
     push_back = PushBack(PushBackSettings(), SPEED_M_S)
     for number in range(30):
         ahead = Setpoint(stamp_ns=number * PERIOD_NS, velocity_hfrd_m_s=(0.5, 0.0, 0.0))
-        assert push_back.against(ahead, telemetry(number * PERIOD_NS, 0.0)) == ahead
+        told = telemetry(number * PERIOD_NS, 0.0)
+        assert push_back.against(ahead, told) == Pushed(ahead)
         push_back.sent(ahead, 0.0)
 
 
@@ -115,9 +116,20 @@ def pushed(**changed):
 
 
 def test_it_pushes_where_the_wind_comes_from_whatever_the_yaw():
-    assert pushed().velocity_hfrd_m_s == pytest.approx((-0.72, 0.0, 0.0))
-    east = pushed(yaw_rad=math.pi / 2).velocity_hfrd_m_s
+    assert pushed().setpoint.velocity_hfrd_m_s == pytest.approx((-0.72, 0.0, 0.0))
+    east = pushed(yaw_rad=math.pi / 2).setpoint.velocity_hfrd_m_s
     assert east == pytest.approx((0.0, 0.72, 0.0))
+
+
+def test_it_is_told_once_a_gust():
+    push_back, told = PushBack(PushBackSettings(), SPEED_M_S), []
+    for number in range(60):
+        v_m_s = 0.5 if 10 <= number < 20 or number >= 50 else 0.0
+        still = Setpoint(stamp_ns=number * PERIOD_NS)
+        told.append(push_back.against(still, telemetry(number * PERIOD_NS, v_m_s)).event)
+        push_back.sent(still, 0.0)
+    assert [number for number, event in enumerate(told) if event] == [10, 50]
+    assert told[10].text == "wind: carried off at 0.5 m/s towards 000 deg; pushes back"
 
 
 @pytest.mark.parametrize(
@@ -131,12 +143,12 @@ def test_it_pushes_where_the_wind_comes_from_whatever_the_yaw():
     ids=["unknown", "infinite", "as the model may err", "of 0.2 s ago"],
 )
 def test_it_leaves_alone_what_it_does_not_know(changed):
-    assert pushed(**changed) == Setpoint(stamp_ns=2 * PERIOD_NS)
+    assert pushed(**changed) == Pushed(Setpoint(stamp_ns=2 * PERIOD_NS))
 
 
 @given(st.tuples(*[st.floats(allow_nan=True, allow_infinity=True)] * 3), st.floats(-10, 10))
 def test_whatever_the_velocity_it_adds_no_more_than_allowed(velocity_ned_m_s, yaw_rad):
-    setpoint = pushed(velocity_ned_m_s=velocity_ned_m_s, yaw_rad=yaw_rad)
+    setpoint = pushed(velocity_ned_m_s=velocity_ned_m_s, yaw_rad=yaw_rad).setpoint
     forward_m_s, right_m_s, down_m_s = setpoint.velocity_hfrd_m_s
     assert math.hypot(forward_m_s, right_m_s) <= 0.8 + 1e-9
     assert down_m_s == 0.0
