@@ -32,8 +32,8 @@ from companion.plan import Plan, room_path
 from companion.rigs import needs_room, open_rig
 from companion.summary import FlightFacts, Summary, summarise
 from companion.supervisor import Supervisor
-from companion.textons import TextonDictionary
 from companion.threads import use_one_thread
+from companion.vision.textons import TextonDictionary
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 

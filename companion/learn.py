@@ -8,16 +8,16 @@ from typing import Protocol
 import numpy as np
 
 from companion.camera.replay import Recording, TellsMotion
-from companion.cells import cell_labels
+from companion.judging.performance import threshold_for_tpr_px
 from companion.kernel.messages import StereoFrame
-from companion.learner import Learner
-from companion.learner_settings import LearnerSettings
+from companion.learning.learner import Learner
+from companion.learning.learner_settings import LearnerSettings
 from companion.learning_report import LearningReport, Scores
 from companion.modelfile import load_dictionary
-from companion.parallax import Parallax
-from companion.performance import threshold_for_tpr_px
-from companion.stereo import StereoMatcher, StereoSettings
 from companion.threads import use_one_thread
+from companion.vision.cells import cell_labels
+from companion.vision.parallax import Parallax
+from companion.vision.stereo import StereoMatcher, StereoSettings
 
 
 class LearningPlan(Protocol):

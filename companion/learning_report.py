@@ -7,15 +7,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.cells import CellMap
-from companion.doubt import DEVIATIONS
-from companion.learner import MonoEstimate
-from companion.performance import OnlinePerformance, roc_curve
+from companion.judging.performance import OnlinePerformance, roc_curve
+from companion.learning.doubt import DEVIATIONS
+from companion.learning.learner import MonoEstimate
+from companion.vision.cells import CellMap
 
 WANTED_TPR = 0.96
 """Where the paper reports its false positive rate (section IV)."""
 NOVEL = 1.0
-"""Novelty that hardly a frame of the place that was learned exceeds; see companion.novelty."""
+"""Novelty that hardly a frame of the place that was learned exceeds; see learning.novelty."""
 
 
 class MapReport(msgspec.Struct, frozen=True, kw_only=True):

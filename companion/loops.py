@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable
 
 from companion.flightlog import FlightLogWriter, Topic
+from companion.flying.safety import Reaction, SafetySettings, Verdict, react_to_age
 from companion.kernel.clock import Clock
 from companion.kernel.errors import CompanionError, VehicleError
 from companion.kernel.messages import (
@@ -17,7 +18,6 @@ from companion.kernel.messages import (
 )
 from companion.kernel.protocols import Rig, Vehicle
 from companion.pipeline import Pipeline, Step
-from companion.safety import Reaction, SafetySettings, Verdict, react_to_age
 from companion.supervisor import Supervisor
 from companion.truth import TruthRecorder
 

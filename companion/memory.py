@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.errors import CompanionError, PlanError
-from companion.learner import Learner, LearnerState
+from companion.learning.learner import Learner, LearnerState
 from companion.modelfile import SavedModel, UnreadableModelError, load_model, save_model
 
 MODEL_NAME = "model.npz"

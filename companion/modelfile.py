@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.errors import CompanionError, PlanError
-from companion.learner import LearnerState, dictionary_of
-from companion.textons import TextonDictionary
+from companion.learning.learner import LearnerState, dictionary_of
+from companion.vision.textons import TextonDictionary
 
 VERSION = 4
 SCALE_TOLERANCE = 0.05

@@ -5,15 +5,15 @@ from typing import NamedTuple
 
 import msgspec
 
-from companion.cells import CellMap
-from companion.features import Features, Grey
-from companion.fusion import UNKNOWN, Estimate, fuse, stereo_estimate
 from companion.health import CameraHealth, Look
 from companion.kernel.messages import Percept, StereoFrame, Telemetry
-from companion.learner import Learner
-from companion.parallax import Parallax
-from companion.spread import SpreadScale
-from companion.stereo import StereoMatcher, StereoResult
+from companion.learning.fusion import UNKNOWN, Estimate, fuse, stereo_estimate
+from companion.learning.learner import Learner
+from companion.learning.spread import SpreadScale
+from companion.vision.cells import CellMap
+from companion.vision.features import Features, Grey
+from companion.vision.parallax import Parallax
+from companion.vision.stereo import StereoMatcher, StereoResult
 
 UNMATCHED = StereoResult(math.nan, 0.0, math.nan, math.nan)
 

@@ -5,11 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.behaviour import Behaviour
-from companion.cells import CellMap, freer_side
-from companion.certainty import certainty_norm, with_speed_for
-from companion.drift import DriftMonitor
+from companion.flying.behaviour import Behaviour
+from companion.flying.certainty import certainty_norm, with_speed_for
+from companion.flying.pilot import fly_to
+from companion.flying.push_back import PushBack, Pushed
+from companion.flying.safety import Reaction, Verdict, check, react_to_age
+from companion.flying.switch import Choice, Switch, Thresholds, caution_px
+from companion.flying.tether import way_back_rad
 from companion.health import CameraHealth
+from companion.judging.drift import DriftMonitor
+from companion.judging.scorecard import Account, Scorecard
+from companion.judging.trust import TrustHistory, TrustMonitor, event_of
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.messages import (
     Availability,
@@ -28,20 +34,14 @@ from companion.kernel.messages import (
     TrustFigures,
     TrustStatus,
 )
-from companion.learner import Learner
-from companion.odometry import Odometry
+from companion.learning.learner import Learner
 from companion.perception import Perception
-from companion.pilot import fly_to
 from companion.plan import Plan
-from companion.push_back import PushBack, Pushed
-from companion.safety import Reaction, Verdict, check, react_to_age
-from companion.scorecard import Account, Scorecard
-from companion.stereo import StereoMatcher
-from companion.switch import Choice, Switch, Thresholds, caution_px
-from companion.tether import way_back_rad
-from companion.textons import TextonDictionary
 from companion.thresholds import approach_of, choose_thresholds
-from companion.trust import TrustHistory, TrustMonitor, event_of
+from companion.vision.cells import CellMap, freer_side
+from companion.vision.odometry import Odometry
+from companion.vision.stereo import StereoMatcher
+from companion.vision.textons import TextonDictionary
 
 
 class Step(NamedTuple):

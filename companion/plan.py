@@ -8,19 +8,19 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, field
 
-from companion.behaviour import BehaviourSettings
-from companion.drift import DriftSettings
+from companion.flying.behaviour import BehaviourSettings
+from companion.flying.pilot import PilotSettings
+from companion.flying.push_back import PushBackSettings
+from companion.flying.safety import SafetySettings
+from companion.flying.switch import ExperimentSettings
 from companion.health import HealthSettings
+from companion.judging.drift import DriftSettings
+from companion.judging.trust import TrustSettings
 from companion.kernel.errors import PlanError
 from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings, convert_settings, read_toml
-from companion.learner_settings import LearnerSettings
-from companion.pilot import PilotSettings
-from companion.push_back import PushBackSettings
-from companion.safety import SafetySettings
-from companion.stereo import StereoSettings
-from companion.switch import ExperimentSettings
-from companion.trust import TrustSettings
+from companion.learning.learner_settings import LearnerSettings
+from companion.vision.stereo import StereoSettings
 
 
 class CameraSettings(Settings, frozen=True):

@@ -5,11 +5,11 @@ from typing import Literal, Protocol
 
 import msgspec
 
+from companion.flying.switch import Thresholds
+from companion.judging.scorecard import Account, Scorecard
+from companion.judging.trust import TrustHistory
 from companion.kernel.messages import Phase, TrustStatus
 from companion.plan import Plan
-from companion.scorecard import Account, Scorecard
-from companion.switch import Thresholds
-from companion.trust import TrustHistory
 from companion.truth import TruthAccount
 
 Outcome = Literal["flown", "failed", "aborted"]

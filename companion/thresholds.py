@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 
+from companion.flying.switch import Thresholds
+from companion.judging.performance import threshold_for_tpr_px
+from companion.judging.risk import Approach, Wishes, choose_threshold_px
+from companion.judging.scorecard import Scorecard
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.messages import Phase
-from companion.performance import threshold_for_tpr_px
 from companion.plan import Plan
-from companion.risk import Approach, Wishes, choose_threshold_px
-from companion.scorecard import Scorecard
-from companion.switch import Thresholds
 
 PHASES_OF_LEARNING = (Phase.INITIAL, Phase.LEARNING)
 
@@ -53,7 +53,7 @@ def _from_roc_px(scorecard: Scorecard, positive_px: float, wanted_tpr: float) ->
 
 
 def approach_of(plan: Plan, calibration: StereoCalibration) -> Approach:
-    """The approach that the performance model (companion/risk.py) reckons with."""
+    """The approach that the performance model (companion/judging/risk.py) reckons with."""
     return Approach(
         rate_hz=plan.camera.rate_hz,
         speed_m_s=plan.behaviour.forward_speed_m_s,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.risk import Floats, interval
+from companion.judging.risk import Floats, interval
 from tools.assessment import Figure, Report
 
 RESAMPLES = 2000

@@ -7,10 +7,7 @@ import msgspec
 import numpy as np
 
 from companion.flightlog import FlightLog
-from companion.kernel.calibration import StereoCalibration
-from companion.kernel.errors import RecordingError
-from companion.kernel.messages import Phase
-from companion.risk import (
+from companion.judging.risk import (
     INTERVAL_NORM,
     Approach,
     Floats,
@@ -24,6 +21,9 @@ from companion.risk import (
     tally,
     total,
 )
+from companion.kernel.calibration import StereoCalibration
+from companion.kernel.errors import RecordingError
+from companion.kernel.messages import Phase
 from companion.thresholds import PHASES_OF_LEARNING, approach_of
 from tools.flown import FlownFlight
 

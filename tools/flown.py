@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.flightlog import Columns, FlightLog, Topic
+from companion.flying.switch import Choice, caution_px
+from companion.judging.scorecard import Scorecard
 from companion.kernel.errors import PlanError, RecordingError
 from companion.kernel.messages import Decision, Percept, Phase
 from companion.kernel.settings import convert_settings
 from companion.logfolder import LOG_NAME
 from companion.plan import Plan
-from companion.scorecard import Scorecard
-from companion.switch import Choice, caution_px
 from sitl.arena.room import Room, load_room
 from tools.logs.recover import RECOVERED_SUFFIX
 

@@ -3,7 +3,7 @@
 python -m tools.risk LOG/flight.mcap [--json FILE]
 python -m tools.risk LOGS ...
 
-The model (paper section III-E, companion/risk.py) is fitted twice at the threshold that mono had in
+The model (paper section III-E, judging/risk.py) is fitted twice at the threshold that mono had in
 the test phase: to the samples before it, which is what the robot could know, and to its own. For
 several flights, or folders of them, one line each: what was expected in the test phase, and what
 came. The JSON holds a report for one flight, a list of reports for several.

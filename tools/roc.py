@@ -21,8 +21,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
+from companion.judging.performance import RocCurve, roc_curve
 from companion.kernel.messages import Phase
-from companion.performance import RocCurve, roc_curve
 from companion.summary import format_figure
 from tools.drawing import colours_of, run, save_figure, save_table
 from tools.flown import FlownFlight, find_logs

@@ -23,10 +23,10 @@ from PIL import Image
 
 from companion.camera.logged import LoggedRecording
 from companion.kernel.errors import PlanError
-from companion.learner import Learner
+from companion.learning.learner import Learner
 from companion.memory import MODEL_NAME
 from companion.modelfile import load_dictionary
-from companion.textons import MID_GREY, TextonDictionary, gradient_matrix, grid_places
+from companion.vision.textons import MID_GREY, TextonDictionary, gradient_matrix, grid_places
 from tools.drawing import run, save_figure, save_table
 from tools.flown import FlownFlight
 

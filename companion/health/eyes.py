@@ -1,6 +1,7 @@
 """From surveys to what is wrong with each eye: one frame's signs, not yet a verdict.
 
-Limits stand well outside of what healthy cameras show in any room (tests/companion/test_health.py).
+Limits stand well outside of what healthy cameras show in any room
+(tests/companion/health/test_health.py).
 """
 
 from collections import deque

@@ -24,7 +24,7 @@ from companion.kernel.messages import (
     Percept,
     StereoFrame,
 )
-from companion.stereo import Matches
+from companion.vision.stereo import Matches
 
 
 class Look(NamedTuple):

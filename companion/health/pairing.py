@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from companion.compiled import kernel
 from companion.health.eyes import Sign
 from companion.kernel.messages import CameraFault
-from companion.stereo import Matches
+from companion.vision.stereo import Matches
 
 SUBPIXELS = 16
 BEYOND_PX = 0.75

@@ -6,8 +6,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
+from companion.kernel.parts import Arrays
 from companion.kernel.settings import Settings
-from companion.parts import Arrays
 from companion.regressors.slots import Keep
 
 Floats = NDArray[np.float64]

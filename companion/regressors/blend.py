@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from companion.parts import Arrays, part, whole
+from companion.kernel.parts import Arrays, part, whole
 from companion.regressors.base import Floats, Predictor, Regressor
 
 

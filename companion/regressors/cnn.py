@@ -2,7 +2,7 @@
 
 Three layers of 5x5 convolutions with 32, 32 and 128 kernels, each pooled 3x3 at every second pixel,
 the first two normalised by their local contrast; two fully connected layers; squared error. The
-paper scales images to 128x128 for a graphics card; here they are as companion.gradients shrinks
+paper scales images to 128x128 for a graphics card; here they are as vision.gradients shrinks
 them, so that a step fits between two frames on one core.
 """
 
@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import validate_data
 from torch import nn
 
-from companion.gradients import HEIGHT_PX, WIDTH_PX
-from companion.parts import Arrays, whole
+from companion.kernel.parts import Arrays, whole
 from companion.regressors.base import Floats
 from companion.regressors.online import Answer
 from companion.regressors.replay import ReplayRegressor, draw_evenly
+from companion.vision.gradients import HEIGHT_PX, WIDTH_PX
 
 KERNELS = 32, 32, 128
 KERNEL_PX = 5

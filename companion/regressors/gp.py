@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from companion.parts import Arrays
+from companion.kernel.parts import Arrays
 from companion.regressors.base import Floats
 from companion.regressors.online import Answer, OnlineRegressor
 

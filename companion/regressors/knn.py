@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_is_fitted
 
 from companion.compiled import kernel
-from companion.parts import Arrays
+from companion.kernel.parts import Arrays
 from companion.regressors.base import Floats
 from companion.regressors.checks import checked, checked_samples
 from companion.regressors.neighbours import Neighbours

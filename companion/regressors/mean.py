@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from sklearn.utils import Tags
 from sklearn.utils.validation import validate_data
 
-from companion.parts import Arrays
+from companion.kernel.parts import Arrays
 from companion.regressors.online import Answer, OnlineRegressor
 from companion.regressors.scaling import RunningScale
 

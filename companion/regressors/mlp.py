@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_is_fitted
 
-from companion.parts import Arrays, part, whole
+from companion.kernel.parts import Arrays, part, whole
 from companion.regressors.base import Floats
 from companion.regressors.checks import checked, checked_samples
 from companion.regressors.network import Network, Tensor

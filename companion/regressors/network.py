@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.compiled import kernel
-from companion.parts import Arrays
+from companion.kernel.parts import Arrays
 
 Tensor = NDArray[np.float32]
 

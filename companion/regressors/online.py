@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
-from companion.parts import Arrays
+from companion.kernel.parts import Arrays
 from companion.regressors.base import Floats, Predictor
 
 Answer = tuple[Floats, Callable[[], Floats]]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from companion.compiled import kernel
-from companion.parts import Arrays, part
+from companion.kernel.parts import Arrays, part
 from companion.regressors.base import Floats
 from companion.regressors.online import OnlineRegressor
 from companion.regressors.scaling import RunningScale

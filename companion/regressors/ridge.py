@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
 from sklearn.utils.validation import check_is_fitted
 
-from companion.parts import Arrays
+from companion.kernel.parts import Arrays
 from companion.regressors.base import Floats
 from companion.regressors.checks import checked, checked_samples
 from companion.regressors.online import Answer, OnlineRegressor

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.parts import Arrays
+from companion.kernel.parts import Arrays
 from companion.regressors.base import Floats
 
 LEAST_SPREAD = 1e-6

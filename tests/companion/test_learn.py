@@ -11,12 +11,12 @@ from companion.camera.recording import open_recordings
 from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.messages import StereoFrame
 from companion.learn import run_prequential, run_train_test
-from companion.learner import Learner
-from companion.learner_settings import LearnerSettings
+from companion.learning.learner import Learner
+from companion.learning.learner_settings import LearnerSettings
 from companion.learning_report import auc_of_error, coverage_of
 from companion.modelfile import save_model
-from companion.stereo import StereoSettings
-from companion.textons import TextonSettings
+from companion.vision.stereo import StereoSettings
+from companion.vision.textons import TextonSettings
 
 EYE = Intrinsics(120.0, 120.0, 64.0, 48.0)
 CALIBRATION = StereoCalibration(128, 96, EYE, EYE, baseline_m=0.06)

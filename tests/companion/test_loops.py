@@ -6,12 +6,12 @@ from typing import NamedTuple
 import pytest
 
 from companion.flightlog import FlightLog, FlightLogWriter, FlightMetadata
+from companion.flying.safety import SafetySettings
 from companion.kernel.clock import let_others_run
 from companion.kernel.errors import VehicleError
 from companion.kernel.messages import Event, FlightMode, Setpoint, Telemetry
 from companion.kernel.protocols import Rig
 from companion.loops import Authority, Heartbeat, watch
-from companion.safety import SafetySettings
 
 OFFBOARD = Telemetry(armed=True, flight_mode=FlightMode.OFFBOARD)
 

@@ -13,8 +13,8 @@ from companion import modelfile
 from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.errors import CompanionError, PlanError
 from companion.kernel.settings import convert_settings
-from companion.learner import Learner, LearnerState
-from companion.learner_settings import LearnerSettings
+from companion.learning.learner import Learner, LearnerState
+from companion.learning.learner_settings import LearnerSettings
 from companion.memory import MODEL_NAME, ModelKeeper, previous_of, recall
 from companion.modelfile import UnreadableModelError, load_model, save_model
 from companion.regressors import REGRESSORS

@@ -9,11 +9,11 @@ import pytest
 from rich.console import Console
 
 from companion.console import Progress, print_result
+from companion.flying.safety import Reaction, Verdict
 from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.messages import BehaviourState, Cue, Decision, Percept, Phase, Setpoint
 from companion.pipeline import Pipeline, Step
 from companion.plan import Plan
-from companion.safety import Reaction, Verdict
 from companion.summary import FlightFacts, summarise, table_rows
 
 EYE = Intrinsics(focal_x_px=100.0, focal_y_px=100.0, centre_x_px=63.5, centre_y_px=47.5)

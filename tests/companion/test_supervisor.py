@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from companion.cli import app
+from companion.flying.safety import SafetySettings
 from companion.kernel.clock import SimClock
 from companion.kernel.errors import PlanError
 from companion.loops import Heartbeat, pulse
-from companion.safety import SafetySettings
 from companion.supervisor import Supervisor
 
 UNIT = Path(__file__).parents[2] / "deploy" / "companion.service"

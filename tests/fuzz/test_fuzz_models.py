@@ -5,8 +5,8 @@ import io
 import numpy as np
 import pytest
 
-from companion.learner import Learner
-from companion.learner_settings import LearnerSettings
+from companion.learning.learner import Learner
+from companion.learning.learner_settings import LearnerSettings
 from companion.modelfile import load_dictionary, load_model, save_model
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from companion.flightlog import FlightLog
 from companion.kernel.messages import BehaviourState, Cue, Phase
-from companion.learner import Learner
+from companion.learning.learner import Learner
 from companion.modelfile import load_dictionary
 from companion.plan import Plan
 from sitl.arena.room import load_room

@@ -16,14 +16,14 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.neighbors import KNeighborsRegressor
 from sklearn.neural_network import MLPRegressor
 
-from companion.features import Features, Grey
 from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.messages import Telemetry
-from companion.learner import Learner
-from companion.learner_settings import LearnerSettings
-from companion.parallax import Parallax
+from companion.learning.learner import Learner
+from companion.learning.learner_settings import LearnerSettings
 from companion.regressors import GPRegressor, KNNRegressor, Predictor
-from companion.textons import TextonEncoder, TextonSettings, TextonTrainer
+from companion.vision.features import Features, Grey
+from companion.vision.parallax import Parallax
+from companion.vision.textons import TextonEncoder, TextonSettings, TextonTrainer
 from sitl.arena.paint import Sheet
 from sitl.arena.patterns import plywood_tape
 from tools.bench.harness import Row, race_row

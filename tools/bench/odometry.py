@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.kernel.messages import Telemetry
-from companion.odometry import Odometry
-from companion.stereo import Matches, StereoMatcher, StereoSettings
+from companion.vision.odometry import Odometry
+from companion.vision.stereo import Matches, StereoMatcher, StereoSettings
 from sitl.arena.camera import CameraSettings, StereoCameraModel
 from sitl.arena.room import load_room
 from tools.bench.harness import PLAN, Row, race_row

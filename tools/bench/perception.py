@@ -13,10 +13,10 @@ from sklearn.neighbors import KNeighborsRegressor
 from companion.health import CameraHealth, HealthSettings
 from companion.kernel.calibration import Intrinsics, StereoCalibration
 from companion.kernel.messages import StereoFrame
-from companion.learner import Learner
-from companion.learner_settings import LearnerSettings
-from companion.stereo import StereoMatcher, StereoSettings
-from companion.textons import TextonSettings
+from companion.learning.learner import Learner
+from companion.learning.learner_settings import LearnerSettings
+from companion.vision.stereo import StereoMatcher, StereoSettings
+from companion.vision.textons import TextonSettings
 from tools.bench.harness import Row, race_row
 
 WIDTH_PX, HEIGHT_PX = 128, 96

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.features import Features, Grey
-from companion.learner import Learner
+from companion.learning.learner import Learner
+from companion.vision.features import Features, Grey
 from tools.offline.store import save_array
 
 

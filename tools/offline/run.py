@@ -19,7 +19,7 @@ from rich.progress import Progress
 from threadpoolctl import threadpool_limits
 
 from companion.kernel.errors import CompanionError
-from companion.stereo import StereoSettings
+from companion.vision.stereo import StereoSettings
 from tools.offline.splits import Fold, folds_of
 from tools.offline.store import Stored, code_key, write_whole
 from tools.offline.study import Study

@@ -18,7 +18,7 @@ from companion.camera.recording import CALIBRATION_WORD, VIDEO_SUFFIXES, open_re
 from companion.kernel.calibration import StereoCalibration
 from companion.kernel.errors import PlanError, RecordingError
 from companion.logfolder import LOG_NAME
-from companion.stereo import StereoMatcher, StereoSettings
+from companion.vision.stereo import StereoMatcher, StereoSettings
 
 IMAGES, CALIBRATION = "images.npy", "calibration.json"
 CODE = (

@@ -11,7 +11,7 @@ from msgspec import Meta, field
 
 from companion.kernel.errors import PlanError
 from companion.kernel.settings import Settings, convert_settings, read_toml
-from companion.learner import Learner
+from companion.learning.learner import Learner
 from companion.plan import Plan, load_plan
 from tools.offline.splits import SplitSettings
 from tools.overrides import as_word, leaves

@@ -9,12 +9,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.features import Features, Grey
+from companion.judging.performance import OnlinePerformance, roc_curve
 from companion.kernel.errors import RecordingError
-from companion.learner import Learner
+from companion.learning.learner import Learner
 from companion.learning_report import WANTED_TPR
-from companion.performance import OnlinePerformance, roc_curve
-from companion.stereo import StereoMatcher
+from companion.vision.features import Features, Grey
+from companion.vision.stereo import StereoMatcher
 from tools.offline.features import KeptFeatures
 from tools.offline.splits import Fold, in_flight_order, spread, thinned
 from tools.offline.store import Stored, digest

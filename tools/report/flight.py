@@ -10,13 +10,13 @@ import numpy as np
 
 from companion.flightlog import Topic
 from companion.flightlog.schema import nan_restorer
+from companion.flying.switch import Thresholds
+from companion.judging.scorecard import Scorecard
+from companion.judging.trust import TrustHistory
 from companion.kernel.errors import RecordingError
 from companion.kernel.messages import MocapPose, Phase, TrustStatus
 from companion.logfolder import LOG_NAME, SUMMARY_NAME
-from companion.scorecard import Scorecard
 from companion.summary import FlightFacts, PhaseSummary, Summary, summarise
-from companion.switch import Thresholds
-from companion.trust import TrustHistory
 from companion.truth import TruthCounter
 from tools.flown import FlownFlight
 

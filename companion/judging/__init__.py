@@ -1,0 +1,1 @@
+"""What is to be relied on: the learned cue, its threshold, the autopilot."""

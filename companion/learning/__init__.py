@@ -1,0 +1,1 @@
+"""What one eye learns from stereo, and what its estimate is worth."""
