@@ -1,6 +1,7 @@
 """The matrix of faults: what is stated before flying is what the table holds flights against."""
 
 import csv
+import tempfile
 
 import pytest
 
@@ -56,6 +57,7 @@ def test_a_fault_is_flown_and_noted(tmp_path, capsys, fault):
         (row,) = csv.DictReader(file)
     assert (row["case"], row["as_expected"], row["collisions"]) == (fault, "True", "0")
     assert float(row["lost_s"]) < 1.0
+    assert tempfile.gettempdir() not in row["reason"]
     assert capsys.readouterr().out.splitlines()[-1] == "1 flights, 0 not as they should be"
 
 

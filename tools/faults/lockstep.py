@@ -60,7 +60,7 @@ def fly(task: Task) -> Flown:
         order = FlightOrder(
             plan=plan, plan_path=plan_path, vehicle="lockstep", log_dir=log_dir, model=model
         )
-        return _fly(task, order)
+        return _fly(task, order).without_folder(folder)
 
 
 def plan_of(task: Task) -> tuple[Plan, Path]:

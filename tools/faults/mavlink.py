@@ -60,7 +60,7 @@ class _Watched:
 def fly(task: Task) -> Flown:
     """Flies it beside this process."""
     with tempfile.TemporaryDirectory() as folder:
-        return asyncio.run(_fly(task, Path(folder)))
+        return asyncio.run(_fly(task, Path(folder))).without_folder(folder)
 
 
 async def _fly(task: Task, folder: Path) -> Flown:

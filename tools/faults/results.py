@@ -37,6 +37,10 @@ class Flown(NamedTuple):
     def good(self) -> bool:
         return self.as_expected and self.collisions == 0 and self.lost_s <= MOST_LOST_S
 
+    def without_folder(self, folder: str) -> "Flown":
+        """Its reason with paths from there on: so that the same flight makes the same row."""
+        return self._replace(reason=self.reason.replace(f"{folder}/", ""))
+
 
 COLUMNS = (
     "fault", "when", "expected", "flights", "as expected", "otherwise", "collisions", "fly-aways",
