@@ -40,7 +40,7 @@ class PushBackSettings(Settings, frozen=True):
     """At least this share of the forward speed: the model errs when the vehicle brakes."""
     most_m_s: Annotated[float, Meta(gt=0, le=2)] = 0.8
     response_delay_s: Annotated[float, Meta(ge=0, le=1)] = 0.2
-    response_rad_s: Annotated[float, Meta(gt=0, le=20)] = 4.0
+    response_rad_s: Annotated[float, Meta(gt=0, le=10)] = 4.0
     response_damping: Annotated[float, Meta(gt=0, le=2)] = 0.7
 
 
@@ -59,7 +59,7 @@ class PushBack:
         self.pushing = False
         self._above_m_s = max(settings.above_m_s, settings.above_norm * forward_speed_m_s)
         self._age = TelemetryAge()
-        self._model = _Response(settings)
+        self._model = Response(settings)
         self._stamp_ns: int | None = None
         self._quiet_since_ns = 0
 
@@ -132,7 +132,7 @@ def _event_of(stamp_ns: int, excess: Level) -> Event:
     return Event(stamp_ns=stamp_ns, severity="info", text=text)
 
 
-class _Response:
+class Response:
     """Level velocity that follows what was asked for as a delayed second-order lag."""
 
     def __init__(self, settings: PushBackSettings) -> None:

@@ -5,7 +5,9 @@ import importlib
 import pytest
 from mcap.reader import make_reader
 
-READERS = ("risk", "table2", "heatmap", "roc", "flightpath", "textons", "picture")
+READERS = (
+    "risk", "table2", "heatmap", "roc", "flightpath", "textons", "picture", "response",
+)  # fmt: skip
 GATHERERS = ("risk", "table2", "heatmap", "roc")
 
 
