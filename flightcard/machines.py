@@ -13,7 +13,8 @@ from companion.vehicle.deadman import DeadmanSettings
 from companion.vehicle.mavsdk_vehicle import MavsdkSettings, MavsdkVehicle
 from flightcard.order import Order
 from sitl.build import build
-from sitl.faults import Faults, inject
+from sitl.faults import Faults
+from sitl.injection import inject
 from sitl.lockstep import rig_of
 from sitl.mavlink.texts import TextListener
 from sitl.process import HOST, open_sitl

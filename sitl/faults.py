@@ -1,9 +1,8 @@
 """What can be made to go wrong while the vehicle flies."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import Annotated, Final, Literal
 
-import msgspec
 from msgspec import Meta, field
 
 from companion.kernel.errors import PlanError
@@ -11,11 +10,8 @@ from companion.kernel.frames import Vector3
 from companion.kernel.settings import Settings
 from sitl.autopilot.parameters import change_parameter, default_parameters, parameter_problem
 from sitl.camera_faults import EyeFault, PairFault
-from sitl.conditions import Delay, LinkConditions, Norm
+from sitl.conditions import Delay, Norm
 from sitl.failures import SUPPORTED, Kind, Unit
-
-if TYPE_CHECKING:  # whoever asks another process for faults needs no flight dynamics
-    from sitl.simulator import World
 
 UnitName = Literal[
     "magnetometer",
@@ -29,8 +25,7 @@ UnitName = Literal[
     "sticks",
 ]
 KindName = Literal["ok", "off", "stuck", "garbage"]
-_UNITS: Final[Mapping[str, Unit]] = {unit.name.lower(): unit for unit in SUPPORTED}
-_LINK: Final = "link_"
+UNITS: Final[Mapping[str, Unit]] = {unit.name.lower(): unit for unit in SUPPORTED}
 
 
 class Faults(Settings, frozen=True):
@@ -70,52 +65,11 @@ class Event(Faults, frozen=True, kw_only=True):
     """The world's time, which begins before take-off."""
 
 
-def inject(world: "World", faults: Faults) -> float:
-    """Does it between two steps; the world's time at which it was done.
-
-    Raises PlanError, with nothing done, for what cannot be: which key, and what is allowed.
-    """
-    check(faults)
-    autopilot, surroundings = world.autopilot, world.surroundings
-    for name, value in faults.parameters.items():
-        autopilot.set_parameter(name, value)
-    if faults.wind_ned_m_s is not None:
-        surroundings.wind_ned_m_s = faults.wind_ned_m_s
-    if faults.gusts_w20_m_s is not None:
-        surroundings.gusts_w20_m_s = faults.gusts_w20_m_s
-    if faults.ground_effect_norm is not None:
-        surroundings.ground_effect_norm = faults.ground_effect_norm
-    if faults.charge_norm is not None:
-        autopilot.set_charge(faults.charge_norm)
-    if faults.motor_efficiency_norm is not None:
-        autopilot.failures.motor_efficiency_norm = faults.motor_efficiency_norm
-    if faults.estimator_drift_ned_m_s is not None:
-        autopilot.set_drift(faults.estimator_drift_ned_m_s)
-    for unit, kind in faults.failures.items():
-        autopilot.failures.inject(_UNITS[unit], Kind[kind.upper()])
-    eyes = world.camera_faults
-    eyes.left_eye = faults.left_eye or eyes.left_eye
-    eyes.right_eye = faults.right_eye or eyes.right_eye
-    eyes.pair = faults.stereo_pair or eyes.pair
-    _impair(world.link, faults)
-    return world.time_s
-
-
-def _impair(link: LinkConditions, faults: Faults) -> None:
-    given = msgspec.structs.asdict(faults)
-    changes = {
-        key.removeprefix(_LINK): value
-        for key, value in given.items()
-        if key.startswith(_LINK) and value is not None
-    }
-    link.settings = msgspec.structs.replace(link.settings, **changes)
-
-
 def check(faults: Faults, where: str = "") -> None:
     """Raises PlanError for what cannot be; ``where`` is the path of the table, with its dot."""
     check_parameters(faults.parameters, where)
     for unit, kind in faults.failures.items():
-        possible = SUPPORTED[_UNITS[unit]]
+        possible = SUPPORTED[UNITS[unit]]
         if Kind[kind.upper()] not in possible:
             names = ", ".join(sorted(kind.name.lower() for kind in possible))
             raise PlanError(f"{where}failures.{unit}: cannot be {kind!r}; allowed: {names}")

@@ -9,7 +9,8 @@ import msgspec
 import typer
 
 from companion.kernel.errors import PlanError
-from sitl.faults import Faults, inject
+from sitl.faults import Faults
+from sitl.injection import inject
 
 if TYPE_CHECKING:  # the parent's side needs no flight dynamics
     from sitl.simulator import World

@@ -15,7 +15,7 @@ from sitl.autopilot.autopilot import CONTROL_HZ, Autopilot
 from sitl.camera_faults import CameraFaults
 from sitl.conditions import CLEAR, LinkConditions, link_rng
 from sitl.environment.surroundings import Surroundings
-from sitl.faults import check, check_parameters, inject
+from sitl.faults import check, check_parameters
 from sitl.hull import (
     CRASH_SPEED_M_S,
     HULL_RADIUS_M,
@@ -24,6 +24,7 @@ from sitl.hull import (
     approach_speed_m_s,
     push_ned_n,
 )
+from sitl.injection import inject
 from sitl.sensors.nature import floor_along_m, surface_along_m
 from sitl.settings import SitlSettings
 

@@ -10,7 +10,8 @@ from companion.flight import FlightOrder, fly_rig
 from companion.kernel.messages import FlightMode
 from companion.plan import load_plan, room_path
 from sitl.build import build
-from sitl.faults import Faults, inject
+from sitl.faults import Faults
+from sitl.injection import inject
 from sitl.lockstep import rig_of
 
 OFFICE = Path(__file__).parents[2] / "flightplans" / "office.toml"

@@ -7,7 +7,8 @@ import pytest
 
 from sitl.environment.gusts import DrydenGusts, intensity
 from sitl.environment.surroundings import ground_effect_norm
-from sitl.faults import Faults, inject
+from sitl.faults import Faults
+from sitl.injection import inject
 from sitl.settings import SitlSettings
 
 STEP_S = 0.02

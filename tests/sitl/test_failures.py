@@ -12,7 +12,8 @@ from companion.kernel.settings import convert_settings
 from sitl.autopilot.interface import Ack, ManualInput
 from sitl.build import build
 from sitl.failures import Kind, Unit
-from sitl.faults import Faults, inject
+from sitl.faults import Faults
+from sitl.injection import inject
 from sitl.settings import BatterySettings, SitlSettings
 
 MOTOR, BATTERY = Unit.MOTOR, Unit.BATTERY

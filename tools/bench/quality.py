@@ -14,7 +14,8 @@ from companion.kernel.messages import FlightMode
 from sitl.arena.contact import RoomContact
 from sitl.arena.room import RoomSettings, build_room
 from sitl.autopilot.interface import OffboardSetpoint
-from sitl.faults import Faults, inject
+from sitl.faults import Faults
+from sitl.injection import inject
 from sitl.settings import EstimatorSettings, SitlSettings
 from sitl.simulator import World
 from tools.bench.harness import Row
