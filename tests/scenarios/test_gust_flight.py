@@ -31,3 +31,12 @@ def carried_m(fly_lockstep):
 
 def test_a_gust_carries_it_half_as_far_as_the_autopilot_alone_lets_it(carried_m):
     assert carried_m() < 0.6 * carried_m("push_back.gain_norm=0")
+
+
+def test_a_vehicle_that_sees_nothing_is_asked_to_stand_still_in_a_gust_too(fly_lockstep):
+    blind = f'{{at_s = {GUST_S[0] - 1.0}, left_eye = "black", right_eye = "black"}}'
+    flown = fly_lockstep(*PLAN, GUST.replace("[{", f"[{blind}, {{", 1))
+    setpoint = flown.log.columns("/setpoint")
+    gust = setpoint["stamp_ns"] * 1e-9 > GUST_S[0]
+    assert gust.sum() > 10
+    assert not setpoint["velocity_hfrd_m_s"][gust, :2].any()
