@@ -78,7 +78,7 @@ class PushBack:
         self.pushing = self._is_gust(stamp_ns, math.hypot(*excess), carried)
         if not self.pushing:
             return Pushed(setpoint)
-        event = None if pushed_before else _event_of(stamp_ns, excess)
+        event = None if pushed_before else self._event_of(stamp_ns, excess)
         return Pushed(self._pushed(setpoint, excess, telemetry.yaw_rad), event)
 
     def sent(self, setpoint: Setpoint, yaw_rad: float) -> None:
@@ -110,6 +110,13 @@ class PushBack:
             setpoint, velocity_hfrd_m_s=(forward_m_s + ahead, right_m_s + right, down_m_s)
         )
 
+    def _event_of(self, stamp_ns: int, excess: Level) -> Event:
+        bearing_deg = math.degrees(math.atan2(excess[1], excess[0])) % 360.0
+        speed_m_s = math.hypot(*excess)
+        done = "pushes back" if self.settings.gain_norm else "left to the autopilot"
+        text = f"wind: carried off at {speed_m_s:.1f} m/s towards {bearing_deg:03.0f} deg; {done}"
+        return Event(stamp_ns=stamp_ns, severity="info", text=text)
+
     def _excess(self, stamp_ns: int, telemetry: Telemetry) -> Level | None:
         """Of the velocity, beyond what was asked for; None where that is unknown."""
         before_ns, self._stamp_ns = self._stamp_ns, stamp_ns
@@ -123,13 +130,6 @@ class PushBack:
             return None
         expected_north, expected_east = self._model.velocity_at(stamp_ns)
         return (north_m_s - expected_north, east_m_s - expected_east) if usual else None
-
-
-def _event_of(stamp_ns: int, excess: Level) -> Event:
-    bearing_deg = math.degrees(math.atan2(excess[1], excess[0])) % 360.0
-    speed_m_s = math.hypot(*excess)
-    text = f"wind: carried off at {speed_m_s:.1f} m/s towards {bearing_deg:03.0f} deg; pushes back"
-    return Event(stamp_ns=stamp_ns, severity="info", text=text)
 
 
 class Response:

@@ -121,15 +121,18 @@ def test_it_pushes_where_the_wind_comes_from_whatever_the_yaw():
     assert east == pytest.approx((0.0, 0.72, 0.0))
 
 
-def test_it_is_told_once_a_gust():
-    push_back, told = PushBack(PushBackSettings(), SPEED_M_S), []
+@pytest.mark.parametrize(
+    ("gain_norm", "done"), [(0.5, "pushes back"), (0.0, "left to the autopilot")]
+)
+def test_it_is_told_once_a_gust(gain_norm, done):
+    push_back, told = PushBack(PushBackSettings(gain_norm=gain_norm), SPEED_M_S), []
     for number in range(60):
         v_m_s = 0.5 if 10 <= number < 20 or number >= 50 else 0.0
         still = Setpoint(stamp_ns=number * PERIOD_NS)
         told.append(push_back.against(still, telemetry(number * PERIOD_NS, v_m_s)).event)
         push_back.sent(still, 0.0)
     assert [number for number, event in enumerate(told) if event] == [10, 50]
-    assert told[10].text == "wind: carried off at 0.5 m/s towards 000 deg; pushes back"
+    assert told[10].text == f"wind: carried off at 0.5 m/s towards 000 deg; {done}"
 
 
 @pytest.mark.parametrize(
