@@ -41,7 +41,7 @@ class DriftSettings(Settings, frozen=True):
 
     correct: bool = True
     """Fly on the corrected estimate; else it is named only."""
-    name_above_m_s: Speed = 0.12
+    name_above_m_s: Speed = 0.13
     clear_below_m_s: Speed = 0.06
 
     def __post_init__(self) -> None:
